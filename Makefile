@@ -23,7 +23,7 @@ demo: $(VENV)/runs
 test: $(VENV)/tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-# What takes minutes: every command of the documentation, long runs, fuzzing.
+# Slow checks: every command of the documentation, long runs, fuzzing.
 check-long: $(VENV)/tests
 	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
 
@@ -54,7 +54,7 @@ coverage: $(VENV)/tests
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[coverage]'
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --cov=sparse_coord_ros --cov-report=term:skip-covered -k "not interrupt and not closed_batch"
 
-# What is published: source distribution and wheel, in dist.
+# Packages to publish: source distribution and wheel, in dist.
 dist: $(VENV)/runs
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dist]'
 	rm -rf dist

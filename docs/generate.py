@@ -87,17 +87,17 @@ def _results():
 
 
 def _measures(row):
-    best = "" if pd.isna(row["exact_reward_mean"]) else "exact_"
+    best = "" if pd.isna(row["exact_returns_mean"]) else "exact_"
     pairs = (
         [row[f"{best}{n}_{of}"] for of in ("mean", "standard_error")] for n in MEASURES
     )
     return ["{:.2f} ({:.2f})".format(*pair) for pair in pairs]
 
 
-MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
-HEAD = ["reward", "time to goal", "miscoordinations", "asks"]
+MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks")
+HEAD = ["return", "time to goal", "miscoordinations", "asks"]
 MEANS = (
-    "Means of 100 learning runs, standard errors in brackets: total discounted reward of a robot, "
+    "Means of 100 learning runs, standard errors in brackets: return of a robot, "
     "steps to its goal, miscoordinations of an episode, questions of a robot."
 )
 
@@ -152,7 +152,7 @@ def _scenario(scenario, results):
     known = []
     for penalty in PENALTIES:
         game = sc.load_scenario(name, penalty=penalty)
-        paths = sc.shortest_paths(game).reward
+        paths = sc.shortest_paths(game).returns
         yards = [("shortest paths", paths), *yardsticks(game)]
         known += [[what, f"{penalty:g}", f"{value:.2f}"] for what, value in yards]
     return f"""# {name}
@@ -176,7 +176,7 @@ sparse_coord train {name} --penalty -100 --out runs/{name}
 
 ## What a team can be worth
 
-{_table(["", "penalty", "reward of a robot"], known)}
+{_table(["", "penalty", "return of a robot"], known)}
 
 Robots on shortest paths ignore each other. Best asking team found: the best result of a search
 among robots that learn each other's position only by asking; no upper bound. Joint optimum: one

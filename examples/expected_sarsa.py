@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A learner with an update rule of its own: python expected_sarsa.py [STEPS].
 
-Expected SARSA (Sutton & Barto, 2018, Section 6.6) expects of the next cell not the best action,
-but what the exploring policy does. The rule is one function. It runs in plain Python and over
-ROS 2, and compiled by numba, with the same bits.
+Expected SARSA (Sutton & Barto, 2018, Section 6.6) bootstraps not on the best action of the next
+cell, but on the mean of the exploring policy. The rule is one function. It runs in plain Python
+and over ROS 2, and compiled by numba, with the same bits.
 
 On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSarsa
 """
@@ -42,5 +42,5 @@ if __name__ == "__main__":
     for learner in ("coop", "expected_sarsa"):
         training = sc.train(scenario, learner, seed=1)
         print(
-            f"{learner}: reward {sc.evaluate(training).reward.mean:.1f}, {training.engine}"
+            f"{learner}: return {sc.evaluate(training).returns.mean:.1f}, {training.engine}"
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A learner of one's own, which minds miscoordinations more: python own_learner.py [STEPS].
+"""Your own learner, which weights miscoordinations more: python own_learner.py [STEPS].
 
 On the command line: sparse_coord run env1 --learner own_learner:Careful
 """
@@ -30,6 +30,6 @@ if __name__ == "__main__":
     for learner in ("coop", "careful"):
         result = sc.evaluate(sc.train(scenario, learner, seed=1))
         print(
-            f"{learner}: reward {result.reward.mean:.1f}, "
+            f"{learner}: return {result.returns.mean:.1f}, "
             f"miscoordinations {result.miscoordinations.mean:.2f}, asks {result.asks.mean:.2f}"
         )

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of one's own in plain rclpy that learns by a rule of its own.
+"""Your own robot in plain rclpy that learns by its own rule.
 
-It learns the values of moves in its cell (Q-learning). In a cell from which a move was once fined
-(r^C) it asks from then on where a peer is, and learns the values of moves there for each answer.
+It learns the values of moves in its cell (Q-learning). If a move from a cell once cost r^C, it
+asks a peer there from then on, and learns the values of moves for each answer.
 
 Written from docs/interface.md: python own_learning_robot.py --ros-args -r __node:=robot_1
 """
@@ -44,7 +44,7 @@ class OwnLearningRobot(OwnRobot):
         self.create_timer(0.02, self.work_off)
 
     def on_run(self, message):
-        """Find the peers of one's run."""
+        """Find the peers in the run."""
         super().on_run(message)
         for number, name in enumerate(self.run["scenario"]["robots"], start=1):
             if name != self.name and number not in self.peers:
@@ -147,11 +147,11 @@ class OwnLearningRobot(OwnRobot):
         self.learned = 0
 
     def memory(self):
-        """Return what is learned, and where in the run that was."""
+        """Return the learned tables, and their place in the run."""
         return copy.deepcopy({name: vars(self)[name] for name in MEMORY})
 
     def go_back(self, step):
-        """Go back to a checkpoint, and hear nothing more of what is taken back."""
+        """Go back to a checkpoint, and drop messages from after it."""
         if step in self.checkpoints:
             vars(self).update(copy.deepcopy(self.checkpoints[step]))
             self.checkpoints = {

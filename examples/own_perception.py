@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A perception model of one's own: python own_perception.py [STEPS].
+"""Your own perception model: python own_perception.py [STEPS].
 
 On the command line: sparse_coord run env1 --set perception=own_perception:fog:4
 """
@@ -30,5 +30,5 @@ if __name__ == "__main__":
         )
         result = sc.evaluate(sc.train(scenario, seed=2))
         print(
-            f"{perception}: reward {result.reward.mean:.1f}, asks {result.asks.mean:.2f}"
+            f"{perception}: return {result.returns.mean:.1f}, asks {result.asks.mean:.2f}"
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of one's own in plain rclpy, which learns nothing: it moves at random.
+"""Your own robot in plain rclpy, without learning: it moves at random.
 
 Written from docs/interface.md: python own_robot.py --ros-args -r __node:=robot_1
 """
@@ -152,7 +152,7 @@ class OwnRobot(Node):
         return home or age >= game["max_steps"] or self.transitions >= game["steps"]
 
     def act(self, **said):
-        """Answer the state; what is not said is 0."""
+        """Answer the state; omitted values are 0."""
         numbers = [float(said.get(label, 0)) for label in LABELS]
         self.said = JointState(header=self.state.header, name=LABELS, position=numbers)
         self.action.publish(self.said)

@@ -18,7 +18,7 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.pettingzoo_env import parallel_env
 
-MEASURES = ("reward", "miscoordinations", "asks", "arrived")
+MEASURES = ("returns", "miscoordinations", "asks", "arrived")
 STEP_SIZE = 0.1
 FIRST_VALUE = 20.0  # of each entry; from 0 most teams never learn to ask
 EPSILON = (0.15, 0.02, 0.8)  # from, to, over which part of the steps: as our learners
@@ -103,7 +103,7 @@ def play(scenario, robots, trials):
             seen, rewards, _, _, infos = env.step(acts)
             sums["asks"] += sum(a == COORDINATE for a in acts.values()) / len(robots)
             if not any(info["half_step"] for info in infos.values()):
-                sums["reward"] += worth * sum(rewards.values()) / len(robots)
+                sums["returns"] += worth * sum(rewards.values()) / len(robots)
                 sums["miscoordinations"] += any(
                     i["miscoordination"] for i in infos.values()
                 )

@@ -75,7 +75,7 @@ class Robots(VecEnv):
         return shown, SCALE * rewards.ravel(), dones, told
 
     def close(self):
-        """Nothing is open."""
+        """Do nothing: there are no open resources."""
 
     def get_attr(self, name, indices=None):
         """Return an attribute for each environment."""
@@ -88,7 +88,7 @@ class Robots(VecEnv):
         """Not used."""
 
     def env_is_wrapped(self, wrapper, indices=None):
-        """Return that none is."""
+        """Return False for each environment."""
         return [False] * self.num_envs
 
 
@@ -113,7 +113,7 @@ def play(scenario, model, games=2000):
 
 
 class Curve(BaseCallback):
-    """Prints what the team is worth, now and then."""
+    """Prints the team's value from time to time."""
 
     def __init__(self, scenario, every):
         super().__init__()
@@ -140,7 +140,7 @@ class Curve(BaseCallback):
 
 
 def main(name="env1", steps=1_000_000, seed=0):
-    """Learn, and print the curve beside what is known of the scenario."""
+    """Learn, and print the curve beside the scenario's reference values."""
     torch.set_num_threads(1)
     scenario = sc.load_scenario(name, penalty=-100)
     robots = Robots(scenario, GAMES, seed=seed, phase="learning")
@@ -157,7 +157,7 @@ def main(name="env1", steps=1_000_000, seed=0):
         policy_kwargs={"net_arch": [64, 64]},
         device="cpu",
     )
-    print(f"{name}; shortest paths: {sc.shortest_paths(scenario).reward:.2f}")
+    print(f"{name}; shortest paths: {sc.shortest_paths(scenario).returns:.2f}")
     curve = Curve(scenario, steps // LOOKS)
     model.learn(steps * robots.team, callback=curve)
 

@@ -15,7 +15,7 @@ for learner in ("noncoop", "coop"):
     training = sc.train(scenario, learner, seed=0)
     plt.plot(*training.history.curve("miscoordinations", window=50), label=learner)
     result = sc.evaluate(training, trials=1000)
-    print(f"{learner}: reward {result.reward.mean:.1f}, asks {result.asks.mean:.2f}")
+    print(f"{learner}: return {result.returns.mean:.1f}, asks {result.asks.mean:.2f}")
     # every verb reads it: sparse_coord evaluate runs/coop
     training.save(f"runs/{learner}")
 

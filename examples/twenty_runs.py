@@ -16,7 +16,7 @@ def main() -> None:
     swept = sc.sweep(scenario, {"learner": ["noncoop", "coop"]}, runs=runs, trials=200)
     frame = swept.to_pandas(by_run=True)
     print(
-        frame.groupby("learner")[["reward", "miscoordinations", "asks"]].agg(
+        frame.groupby("learner")[["returns", "miscoordinations", "asks"]].agg(
             ["mean", "std"]
         )
     )

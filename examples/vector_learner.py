@@ -17,7 +17,7 @@ FIRST_VALUE = 20.0  # from 0 most teams do not learn to ask
 
 
 def act(env, q, seen, epsilon, random):
-    """Return the rows of what robots observe, the values of their actions, and what they do."""
+    """Return the rows of robots' observations, their actions' values, and their actions."""
     rows = np.ravel_multi_index(tuple(seen["observation"].T), env.column_sizes).T
     values = q[np.arange(len(q)), rows]
     values[seen["action_mask"] == 0] = -np.inf
@@ -68,12 +68,12 @@ def play(scenario, q, games=4000):
 
 
 def main(calls=3000):
-    """Print what a team is worth that has learned in so many calls of `step`."""
+    """Print the value of a team that has learned in so many calls of `step`."""
     scenario = sc.load_scenario("env1", penalty=-100)
     returns = play(scenario, learn(scenario, calls)).mean(axis=1)
     error = returns.std(ddof=1) / len(returns) ** 0.5
     print(f"learned: {returns.mean():.2f} ± {error:.2f}")
-    print(f"shortest paths: {sc.shortest_paths(scenario).reward:.2f}")
+    print(f"shortest paths: {sc.shortest_paths(scenario).returns:.2f}")
     print(f"best asking team found: {sc.shipped_asking_team(scenario).value:.2f}")
     print(f"joint optimum: {sc.optimum(scenario).value:.2f}")
 

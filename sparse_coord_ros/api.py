@@ -110,7 +110,7 @@ __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verificatio
 # Experiments
 __all__ += ["sweep", "experiment_names", "run_experiment", "ExperimentResults"]
 __all__ += ["benchmark", "Entry", "Leaderboard", "load_leaderboard"]
-# Learners and perception models of one's own
+# The user's own learners and perception models
 __all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
 __all__ += ["register_learner", "register_perception", "perception_model"]
 # Errors
@@ -125,7 +125,7 @@ class Runs:
 
     Attributes:
         scenario: the problem and its protocol.
-        learner: who learned, as it is called in files.
+        learner: the learner's name in files.
         runs: the runs.
     """
 
@@ -146,7 +146,7 @@ class Runs:
         return len(self.runs)
 
     def __repr__(self) -> str:
-        """Return what they are, and a line a run."""
+        """Return a description with one line for each run."""
         return shown_as(self._head, self._measures)
 
     def _repr_html_(self) -> str:
@@ -162,9 +162,10 @@ class Runs:
     def to_pandas(self) -> "pd.DataFrame":
         """Return a data frame: one row a run.
 
-        Its columns: `scenario`, `learner`, every setting and `seed`; `reward` (total discounted),
-        `time_to_goal` (steps) and `asks`, means over the trials and robots; `miscoordinations`,
-        mean of a trial; `arrived`, share of the trials in which every robot arrived.
+        Its columns: `scenario`, `learner`, every setting and `seed`; `returns` (total discounted
+        reward), `time_to_goal` (steps) and `asks`, means over the trials and robots;
+        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot
+        arrived.
 
         Raises:
             RunError: pandas is not installed.
@@ -194,14 +195,14 @@ class SavedRun:
 
     Attributes:
         directory: where it is.
-        config: what the run is: scenario, learner, seed, versions, timing.
+        config: the run's configuration: scenario, learner, seed, versions, timing.
     """
 
     directory: Path
     config: RunConfig
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         who = f"{self.config.learner}, seed {self.seed}"
         return f"<SavedRun {self.scenario.label}; {who}; in {self.directory}>"
 
@@ -216,7 +217,7 @@ class SavedRun:
 
     @property
     def learner(self) -> Learner:
-        """Who learned."""
+        """The learner."""
         return self.config.rule
 
     @property
@@ -226,7 +227,7 @@ class SavedRun:
 
     @cached_property
     def tables(self) -> list[Tables]:
-        """What each robot learned.
+        """Each robot's tables.
 
         Raises:
             TablesError: they are missing or malformed, or do not fit the scenario.
@@ -235,10 +236,10 @@ class SavedRun:
 
     @cached_property
     def history(self) -> History:
-        """What happened in each learning episode.
+        """The history of the learning episodes.
 
         Raises:
-            RunError: there is no history, or it cannot be read.
+            RunError: the history is missing or cannot be read.
         """
         return load_history(self.directory)
 
@@ -273,7 +274,7 @@ def load_run(directory: str | Path, *, allow: str | Iterable[str] = ()) -> Saved
         allow: modules that it may name, with a learner or a perception model of one's own.
 
     Raises:
-        RunError: there is no run, or it is in another format.
+        RunError: the run is missing, or has another format.
         SettingError: its learner or its perception model is missing here.
     """
     allow_modules(allow)
@@ -296,8 +297,8 @@ def train_many(
 ) -> Runs:
     """Learn several times, each time with another seed, on all cores.
 
-    Run i is the same, bit for bit, as `train` with seed `seed + i`. What plain Python computes is
-    computed in processes, which import the script that asks: it calls this below
+    Run i is the same, bit for bit, as `train` with seed `seed + i`. Plain Python computes in
+    processes that import the calling script, which must call this function below
     `if __name__ == "__main__":`. A learner typed into a notebook learns in that process alone.
 
     Args:
@@ -342,15 +343,15 @@ def train_many(
 
 
 def improve(learned: "str | Path | Training | SavedRun") -> Improvement:
-    """Let a team plan on what its robots have learned, after they exchanged it once.
+    """Let robots share what they learned once, then plan together.
 
-    `evaluate_exact(found.tables, scenario=...)` says what that is worth.
+    `evaluate_exact(found.tables, scenario=...)` computes the value of the plan.
 
     Args:
         learned: a `Training` of `train`, a `SavedRun` or its directory, of learner factored.
 
     Raises:
-        SettingError: the robots did not learn what it needs.
+        SettingError: the robots did not learn the model that it needs.
         TablesError: the tables are missing or malformed.
     """
     run = load_run(learned) if isinstance(learned, str | Path) else learned
@@ -375,7 +376,7 @@ def evaluate(
         scenario: the problem to play; needed with tables alone, else that of the learning run.
             Where neither it nor the user chose a setting, the default of the learner holds.
         learner: whose greedy policy acts; the one that learned where None.
-        trials: how many trials, >= 1.
+        trials: number of trials, >= 1.
         seed: seed of the trials' draws, independent of the draws of learning.
 
     Returns:
@@ -426,14 +427,14 @@ LATER = {
 
 
 def __getattr__(name: str) -> object:
-    """Load what reads logs, and environments, when their names are first used."""
+    """Load the log reader and the environments when their names are first used."""
     if name in LATER:
         return getattr(import_module(LATER[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
-    """Read a run's log as arrays: who was where, chose what, asked whom, perceived and got what.
+    """Read a run's log as arrays: cells, actions, questions, percepts and rewards.
 
     Args:
         bag: a bag's directory or that of its run, an `.mcap` or an `.mcap.partial`. Of an
@@ -454,7 +455,7 @@ def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
 def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification":
     """Compute a recorded run again from its seed and its log alone, and compare.
 
-    Its attribute `same` says whether nothing differs, `differences` says what does.
+    The result's `same` is True if nothing differs; `differences` lists the differences.
 
     Args:
         bag: as of `read_log`.
@@ -482,12 +483,12 @@ def vector_env(
 
     `reset` and `step` are those of Gymnasium's vector environments, with arrays of NumPy; see
     `VectorGame`, which also says more of the arguments. The discounted sum of the rewards of an
-    episode is the reward that `evaluate` reports.
+    episode is the return that `evaluate` reports.
 
     Args:
         scenario: the problem.
-        games: how many games there are.
-        seed: game i is that of a single run with seed `seed + i`; None: a seed that nobody chose.
+        games: number of games.
+        seed: game i is that of a single run with seed `seed + i`; None: a random seed.
         asking: "half_steps": a robot that asks gets the answer, then moves, in one time step, as
             in the paper; "in_observation": it asks with a move, and the answer is in the next
             observation. They are different classes of teams.
@@ -526,13 +527,13 @@ def sweep(
 
         swept = sc.sweep("env1", {"penalty": [-1, -10, -100], "learner": ["coop", "factored"]})
 
-    With `out` each finished condition is saved, and the same call goes on where it stopped.
+    With `out` each finished condition is saved, and repeating the call continues the work.
 
     Args:
         scenario: the problem and its protocol.
         over: the values of each setting; under `learner`, learners.
-        learner: who learns, where `over` does not say it.
-        out: results directory, as of `run_experiment`; None: nothing is saved.
+        learner: the learner, if `over` does not give it.
+        out: results directory, as of `run_experiment`; None: do not save.
         runs: independent learning runs of a condition.
         trials: greedy trials of each run.
         seed: seed of run 0; run i has seed + i.
@@ -578,7 +579,7 @@ def sweep(
 def _learned(
     learned: Learned, scenario: ScenarioLike | None, learner: LearnerLike | None
 ) -> tuple[Scenario, Sequence[Tables], Learner | None]:
-    """Return the problem to play, the tables, and who acts on them."""
+    """Return the problem to play, the tables, and the learner that acts on them."""
     run = load_run(learned) if isinstance(learned, str | Path) else learned
     tables = run
     own = None

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teams over ROS 2 in which anything happens to any process; what is to be true afterwards.
+"""Teams over ROS 2 with random faults of any process, and checks of their results.
 
 python test/chaos.py [--runs N] [--seed S] [--keep FOLDER]
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS domains that nobody else on this machine is in: no other test, and no team of the user's."""
+"""ROS domains that no other test and no team of the user on this machine is in."""
 
 import random
 import socket

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The corpus: what is forged in recorded runs, and what `verify` may say then.
+"""The corpus: forgeries of recorded runs, and the allowed results of `verify`.
 
 A `Case` is (recorded run, forgeries) -> the outcomes that are right. Cases are drawn with a seed
 from all that a bag holds: every field of every topic, every message, every array of every
@@ -86,7 +86,7 @@ NAMED_IN_NOTES = (FOREIGN, LOST_COPIES, REPEATS)
 
 
 def outcome(directory: Path) -> Outcome:
-    """Return what `verify` says of a bag."""
+    """Return the result of `verify` on a bag."""
     try:
         found = sc.verify(directory)
     except SparseCoordError:
@@ -102,7 +102,7 @@ def outcome(directory: Path) -> Outcome:
 def wrong(
     bag: Bag, cases: Sequence[Case], folder: Path
 ) -> Iterator[tuple[Case, Outcome]]:
-    """Yield the cases of one bag of which `verify` says something wrong."""
+    """Yield the cases of one bag with a wrong result of `verify`."""
     for number, case in enumerate(cases):
         directory = write(forged(bag, case.forgeries), folder / f"{number}")
         said = outcome(directory)

@@ -5,7 +5,7 @@
 Bags are read and written by the mcap library, arrays by NumPy, messages by rclpy: nothing here
 depends on how the package reads, verifies or learns. Checksums and digests of a forgery are right.
 
-A `Forgery` is data: an operation of `OPERATIONS`, what it is done to, and how.
+A `Forgery` is data: an operation of `OPERATIONS`, its target, and its variant.
 """
 
 import hashlib
@@ -163,11 +163,11 @@ def _write_file(file: File, writer: Writer) -> None:
 
 
 class Forgery(NamedTuple):
-    """One thing that is done to a bag.
+    """One change of a bag.
 
     Attributes:
         operation: a key of `OPERATIONS`.
-        target: what it is done to; what that means says the operation.
+        target: its target; the operation defines its meaning.
         how: one of the ways of the operation.
     """
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teams as processes: the commands that start them, and what a run is to come to."""
+"""Teams as processes: the commands that start them, and the expected results."""
 
 import json
 import sys

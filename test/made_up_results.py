@@ -23,7 +23,7 @@ def made_up(condition, **changes):
     cells = len(scenario.map.cells)
     optimum = known_optimum(scenario)
     centre = {
-        "reward": optimum.value - 2,
+        "returns": optimum.value - 2,
         "time_to_goal": 12,
         "asks": 0.5,
         "miscoordinations": 0.3,
@@ -36,14 +36,14 @@ def made_up(condition, **changes):
         "optimum_exact": optimum.exact,
         "reference": {
             name: getattr(shortest_path_reference(scenario), name)
-            for name in ("reward", "time_to_goal", "miscoordinations")
+            for name in ("returns", "time_to_goal", "miscoordinations")
         },
         "means": {
             name: list(centre[name] + draw.normal(0, 0.1, PLAN.runs)) for name in SUMS
         },
         "variances": {name: [1.0] * PLAN.runs for name in SUMS},
         "robot_means": {
-            "reward": [optimum.value - k for k in range(robots)],
+            "returns": [optimum.value - k for k in range(robots)],
             "asks": [0.25] * robots,
         },
         "not_arrived": [0] * PLAN.runs,

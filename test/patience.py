@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long tests wait for what is to come."""
+"""Timeouts of tests."""
 
 PATIENCE_SECONDS = 120.0
 """Far more than anything takes on a busy machine; it is waited for so long where a test fails."""

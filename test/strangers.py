@@ -48,7 +48,7 @@ ODD_TEXTS = (
         "9 holding",
         "1:1:1",
         "[" * 400,
-        "format: 3",
+        "format: 4",
         "learner: os:system",
         "nan",
     ),

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compute what the package ships to measure teams against: files in config.
+"""Compute the reference values that the package ships: files in config.
 
 python -m tools.shipped asking [--restarts N] [--keep SEARCHES]
 python -m tools.shipped teams [--out study]
@@ -125,15 +125,15 @@ def find_teams(options: argparse.Namespace) -> None:
     computed = computing(options.out, Computing())
     for name in MANY:
         condition = make_condition(name, "factored", LONG)
-        rewards = computed(condition, CROWDS.plan(condition)).run_means("reward")
+        returns = computed(condition, CROWDS.plan(condition)).run_means("returns")
         scenario = condition.scenario
         judged = []
         prepare("factored")
         team = Team(scenario, learner_of("factored"), compiled=True)
-        for seed in (SEED + np.argsort(rewards)[-FEW:]).tolist():
+        for seed in (SEED + np.argsort(returns)[-FEW:]).tolist():
             learning = LearningRun(team, seed, gathering=False)
             learning.advance(scenario.steps)
-            means = team.play(learning.minds, seed + FRESH, TRIALS).reward.mean(axis=1)
+            means = team.play(learning.minds, seed + FRESH, TRIALS).returns.mean(axis=1)
             judged.append(
                 (float(means.mean()), float(means.std(ddof=1) / TRIALS**0.5), seed)
             )
@@ -142,7 +142,7 @@ def find_teams(options: argparse.Namespace) -> None:
             value=value,
             standard_error=error,
             trials=TRIALS,
-            teams=len(rewards),
+            teams=len(returns),
             learner="factored",
             steps=scenario.steps,
             seed=seed,
@@ -171,7 +171,7 @@ def choose_unseen(_: argparse.Namespace) -> None:
 def _with_conflict(
     version: str, kind: str, robots: int
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
-    """Yield the buildings of a kind, and what is known of them, in the order of their seeds."""
+    """Yield the buildings of a kind with their reference values, in the order of their seeds."""
     counts = dict.fromkeys(SPLITS[:2], COUNTS[robots])
     if version == VERSIONS[1]:
         counts = {SPLITS[2]: TEST_COUNTS[robots]}
@@ -182,7 +182,7 @@ def _with_conflict(
         if not counts.get(split_of(name)):
             continue
         scenario = load_scenario(name)
-        paths = shortest_path_reference(scenario).reward
+        paths = shortest_path_reference(scenario).returns
         optimum = joint_optimum(scenario)
         facts: dict[str, object] = {"shortest_paths": paths}
         best = optimum.value

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiling by numba: once a machine, in the background, kept on disk.
 
-Functions marked by `inner` are called by compiled loops and stay plain Python for everyone else.
-Numba looks only at the file of a loop itself to see whether what it kept is still good. So each
-version of the sources has a folder of its own, named by a digest of them all.
+Compiled loops call functions marked by `inner`; for other callers these stay plain Python.
+Numba checks only the file of a loop itself to decide whether its cache is valid. So each version
+of the sources has a folder of its own, named by a digest of them all.
 """
 
 import atexit
@@ -78,7 +78,7 @@ def _imports() -> bool:
 def numba() -> ModuleType:
     """Import numba where it is first needed: that takes as long as all the rest."""
     threads = os.environ.get(THREADS_VARIABLE, "")
-    with suppress(ValueError):  # numba ignores what is no number
+    with suppress(ValueError):  # numba ignores a text that is no number
         check_argument(
             THREADS_VARIABLE, threads, int(threads) > 0, "a whole number from 1"
         )
@@ -93,7 +93,7 @@ _one_begins = threading.Lock()
 
 
 def in_background(key: object, work: Callable[[], Any]) -> Any:
-    """Do some work once a process and return its result, in a thread of its own.
+    """Do some work once per process, in a thread of its own; return its result.
 
     An interrupt that arrives inside numba can get lost: LLVM calls back into Python through
     ctypes, which swallows exceptions. Here it reaches the caller, who only waits, at once. The
@@ -101,7 +101,7 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
 
     Args:
         key: names the work.
-        work: what to do the first time.
+        work: the work, done at the first call.
     """
     with _one_begins:  # a cluster's worker computes in several threads
         future = _background.get(key)
@@ -157,9 +157,9 @@ def inlined(function: F) -> F:
 
 
 def compiled_as(body: Callable[..., Any]) -> Callable[[F], F]:
-    """Let compiled loops call another body in place of a function, of the same results.
+    """Decorator: compiled loops call another body with the same results instead.
 
-    For what is done otherwise with lists than with arrays.
+    For code that differs between lists and arrays.
     """
 
     def noted(function: F) -> F:
@@ -180,10 +180,10 @@ def made_for_types(make: Callable[..., Callable[..., Any]]) -> Callable[[F], F]:
 
 
 def of_learner(function: F) -> F:
-    """Let a function be that of the learner whose mind is its first argument.
+    """Decorator: calls dispatch to the learner of the mind, the first argument.
 
-    The function itself says what it means; a class that is a learner has a static method of the
-    same name, and its minds, named tuples, name the learner (`core.learners.mind`).
+    The function's docstring gives its meaning. A learner's class has a static method of the same
+    name, and its minds, named tuples, name the learner (`core.learners.mind`).
     """
     name = function.__name__
 
@@ -218,7 +218,7 @@ def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[...
 
 @functools.cache
 def _registered(function: Callable[..., Any]) -> None:
-    """Tell numba of a function, or of what is called before compiling, once."""
+    """Register a function with numba once, or a callable that registers before compiling."""
     options = accepted("_nrt", False)
     inline = accepted("forceinline", True)
     extending = numba().extending
@@ -261,7 +261,7 @@ def jit(
 
     Args:
         loops: the loops.
-        rule: the learner whose functions are compiled in; None: there is none.
+        rule: the learner whose functions are compiled in, or None.
     """
     for function in (*_before, *_inner, *_overloads):
         _registered(function)
@@ -278,7 +278,7 @@ def jit(
         config["CACHE_DIR"] = before
 
 
-# What is kept on disk.
+# The cache on disk.
 
 
 @functools.cache
@@ -314,7 +314,7 @@ def digest_of_sources(
     """Return a digest of sources of this package.
 
     Args:
-        compiler: what compiles them, and its version.
+        compiler: the compiler's name and version.
         rule: as of `folder`.
         sources: patterns of the files, from the package's folder; `SOURCES` where there are none.
     """
@@ -400,7 +400,7 @@ def keep(key: str, rule: type | None = None) -> None:
 
 
 def forget(rule: type | None = None) -> bool:
-    """Throw away what is kept, as it cannot be read; return whether there was anything."""
+    """Delete the unreadable cache; return whether it existed."""
     place = folder(rule)
     kept = (
         []

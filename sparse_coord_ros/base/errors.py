@@ -34,7 +34,7 @@ class SparseCoordError(Exception):
     exit_code = EXIT_BAD_INPUT
 
     def __str__(self) -> str:
-        """Return the line, also where it quotes what a stranger wrote."""
+        """Return the message on one line, even if it quotes a stranger's text."""
         return in_line(super().__str__())
 
 
@@ -63,7 +63,7 @@ class RunError(SparseCoordError):
 
 
 class NameTakenError(RunError):
-    """Another node has this node's name; what it has begun is that other one's."""
+    """Another node has this node's name; the run directory belongs to that node."""
 
 
 class TablesError(SparseCoordError):
@@ -86,11 +86,11 @@ class FaultError(SparseCoordError):
 
 @contextmanager
 def needed(what: str, remedy: str) -> Iterator[None]:
-    """Import what need not be installed; raises RunError where it is missing.
+    """Import an optional package; raises RunError if it is missing.
 
     Args:
-        what: who needs which package.
-        remedy: what to do.
+        what: the feature and the package that it needs.
+        remedy: the remedy.
     """
     try:
         yield
@@ -102,11 +102,11 @@ def needed(what: str, remedy: str) -> Iterator[None]:
 def retold(
     error: type[SparseCoordError], caught: type[Exception], what: str, remedy: str = ""
 ) -> Iterator[None]:
-    """Let an exception be an `error` whose line begins with what could not be done, or where.
+    """Turn an exception into an `error` whose line begins with `what`.
 
     Args:
-        error: what to raise.
-        caught: which exceptions; of an OSError only its reason is told.
+        error: the class to raise.
+        caught: the exceptions to turn; of an OSError the message has only the reason.
         what: how the line begins, before a colon.
         remedy: how it ends.
     """
@@ -118,10 +118,10 @@ def retold(
 
 
 def failure_of(error: Exception) -> SparseCoordError:
-    """Return an exception as the error that its program is to end with.
+    """Return the error with which a program ends after an exception.
 
-    Bad input stays what it is; what the system refuses names the file; any other exception is a
-    `FaultError` that says where it was raised.
+    Errors of this package stay; an error of the system names the file; any other exception becomes
+    a `FaultError` with the place where it was raised.
     """
     if isinstance(error, SparseCoordError):
         return error

@@ -38,12 +38,12 @@ def path_argument(
 
     Args:
         name: of the argument.
-        value: what was given.
-        error: what to raise.
-        instead: what is allowed.
+        value: its value.
+        error: the class to raise.
+        instead: the allowed values, in words.
 
     Raises:
-        SparseCoordError: an `error`: it is no text and no path, or no system has such a path.
+        SparseCoordError: an `error`: it is neither a text nor a path, or no valid path.
     """
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str):
@@ -145,9 +145,9 @@ class HeldError(Exception):
 def take_lock(
     file: IO[Any] | int, *, exclusive: bool = True, wait: bool = False
 ) -> bool:
-    """Lock an open file or folder until it is closed; False where another process has the lock.
+    """Lock an open file or folder until it is closed; False if another process has the lock.
 
-    True also where there are no locks, as in some network file systems.
+    Also True on file systems without locks, such as some network file systems.
 
     Args:
         file: the file, or its descriptor.
@@ -202,11 +202,11 @@ def sync_directory(directory: Path) -> None:
 
 
 def import_apart(name: str, file: str) -> ModuleType:
-    """Import a library, but not with its settings in the current directory: a stranger's, perhaps.
+    """Import a library without its settings file in the current directory, perhaps a stranger's.
 
     Args:
         name: the library.
-        file: what that file of settings is called.
+        file: the name of the settings file.
     """
     with chdir(Path(__file__).parent) if os.path.exists(file) else nullcontext():
         return import_module(name)

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How much is read of what comes from elsewhere, and the functions that read it.
+"""Limits of size for untrusted input, and the functions that read it.
 
-Files, bags and messages are data: whatever is in them, reading ends soon, in what they say or in
-one line. Each kind of input has its `Limit`; bytes and elements bound the time.
+Files, bags and messages are data. Whatever their content, reading ends soon, with the content or
+with a one-line error. Each kind of input has its `Limit`; bytes and elements bound the time.
 """
 
 import errno
@@ -98,9 +98,9 @@ def read_file(
 
     Args:
         path: the file.
-        limit: how large it may be.
-        error: what to raise.
-        remedy: what to do where it cannot be read.
+        limit: its largest size.
+        error: the class to raise.
+        remedy: the remedy in the error text.
 
     Raises:
         SparseCoordError: an `error`: as `open_regular`.

@@ -21,7 +21,7 @@ from sparse_coord_ros.base.errors import SparseCoordError, check_format, in_shor
 from sparse_coord_ros.base.limits import ARRAYS, Limit
 from sparse_coord_ros.base.version import __version__
 
-NPZ_FORMAT = 3
+NPZ_FORMAT = 4
 """Number of the format. It changes where the arrays of any of these files change."""
 
 ENTRY = b"PK\x01\x02"
@@ -63,12 +63,12 @@ def unpack(
 
     Args:
         data: its bytes.
-        where: what messages call it.
-        what: what it should be, such as "tables".
-        remedy: what to do where it is something else.
-        error: what to raise.
-        damaged: what to raise where it cannot be read or does not fit its digest; None: `error`.
-        limit: how many bytes its arrays may have.
+        where: its name in messages.
+        what: its expected kind, such as "tables".
+        remedy: the remedy if it is of another kind.
+        error: the class to raise.
+        damaged: the class to raise if it cannot be read or does not fit its digest; None: `error`.
+        limit: largest size of its arrays in bytes.
 
     Raises:
         SparseCoordError: an `error`: it is larger, cannot be read, does not fit its digest, or is
@@ -86,7 +86,7 @@ def unpack(
             raise ValueError("its contents do not fit its digest")
     except (
         Exception
-    ) as failure:  # zip, zlib and NumPy's parser raise what a file makes them
+    ) as failure:  # zip, zlib and NumPy's parser raise any exception for a bad file
         # no advice to trust it
         problem = " ".join(str(failure).split()).partition(". ")[0]
         told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
@@ -98,7 +98,7 @@ def unpack(
 def _check_headers(data: bytes, limit: Limit) -> None:
     """Raise an exception unless the arrays are within the limit, and of numbers or texts.
 
-    Nothing is unpacked but their headers. Every size that is said is held against what is there.
+    Only their headers are unpacked. Every declared size is compared with the actual data.
     """
     if data.count(ENTRY) > MOST_ARRAYS:
         raise ValueError(f"it has more than {MOST_ARRAYS:,} arrays")

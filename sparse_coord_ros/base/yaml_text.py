@@ -39,10 +39,10 @@ def yaml_value(
     Each key is there once. Anchors, aliases and tags are refused.
 
     Args:
-        text: the text; None comes of an empty one.
-        where: what messages call it.
-        limit: how much of it is read.
-        error: what to raise.
+        text: the text; an empty one gives None.
+        where: its name in messages.
+        limit: its largest size.
+        error: the class to raise.
 
     Raises:
         SparseCoordError: an `error`: it is not YAML, or more than is read.
@@ -70,7 +70,7 @@ class _Composer:
         self._left = limit.elements
 
     def whole(self) -> Any:
-        """Return the text's one document; None of an empty text."""
+        """Return the text's only document; None for an empty text."""
         next(self._events)
         if isinstance(next(self._events), yaml.StreamEndEvent):
             return None

@@ -16,18 +16,18 @@ EXAMPLE = "sparse_coord animate runs/demo --episode best --out demo.gif"
 
 
 OPTIONS = (
-    Option("source RUN|BAG", Path, "a run's directory; a bag's, or its file"),
+    Option("source RUN|BAG", Path, "run or bag directory, or bag file"),
     Option(
         "--episode N|best|last|asks",
         None,
-        "which one, from 0; best: of the highest reward; last: the last whole one; asks: that "
-        "with the most questions",
+        "episode number, from 0; best: highest return; last: last complete one; asks: most "
+        "questions",
         {"default": "last"},
     ),
     Option(
         "--greedy",
         bool,
-        "play on the learned tables, as always for a run without a bag",
+        "play a new episode on the learned tables; always so for a run without a bag",
     ),
     SEED,
     RATE,

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.learners.registry import LEARNERS
@@ -28,7 +28,7 @@ OPTIONS = (
     Option(
         "learners LEARNER...",
         None,
-        f"{', '.join(LEARNERS.registered)}; one of your own as module:Class; a .yaml file of "
+        f"{', '.join(LEARNERS.registered)}; your own learner as module:Class; a .yaml file of "
         "entries, with titles and settings; or a folder of run directories",
         {"names": lambda: LEARNERS.names},
     ),
@@ -38,15 +38,19 @@ OPTIONS = (
         "lists of scenarios",
         {"choices": tuple(LISTS), "default": TUNING},
     ),
-    Option("--steps", None, "step budget in transitions (default: 1e5)"),
-    shared.changes("change a setting of learning, e.g. epsilon=linear:0.2:0.02:0.8"),
+    Option("--steps", None, "learning steps (default: 1e5)"),
+    shared.changes(
+        "change a learning setting, e.g. epsilon=linear:0.2:0.02:0.8; may be repeated"
+    ),
     TEAM_RUNS,
     TEAM_TRIALS,
     Option("--seed", shared.SEED, "seed of run 0; run i has seed + i"),
     Option(
-        "--out", Path, "results directory; what it holds already is not computed again"
+        "--out",
+        Path,
+        "results directory; existing results are kept and not computed again",
     ),
-    Option("--save FILE", Path, "write what was found into one JSON file"),
+    Option("--save FILE", Path, "write the results to one JSON file"),
     *COMPUTING,
     shared.JSON,
 )
@@ -56,7 +60,9 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     entries = [entry for name in options.learners for entry in _entries(name)]
     settings = SETTINGS.parse(shared.settings_of(options))
-    with Bar("agent-steps", quiet=options.json) as bar:
+    learners = [entry.learner for entry in entries if entry.learner]
+    waits_for = first_wait(learners, options)
+    with Bar("agent-steps", waits_for, quiet=options.json) as bar:
         found = benchmark(
             entries,
             lists=options.lists,

@@ -5,26 +5,30 @@
 import argparse
 import sys
 import threading
+import time
+from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import Any, Self
 
 from tqdm import tqdm
 
 from sparse_coord_ros.cli.options import Option, note
-from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
+from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, uses_numba
 from sparse_coord_ros.core.engine.cluster import JOBS
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.registry import learner_of
 
 COMPUTING = (
     Option(
         "--engine",
         ENGINES,
-        "the results are the same; auto: numba where it is installed",
+        "how to compute; all engines give identical results; auto: numba if installed",
     ),
     Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),
     Option(
         "--scheduler ADDRESS",
         None,
-        "of a Dask cluster to compute on, e.g. tcp://10.0.0.1:8786 (default: this machine)",
+        "address of a Dask cluster, e.g. tcp://10.0.0.1:8786 (default: compute on this machine)",
     ),
 )
 """What computes, and where."""
@@ -39,10 +43,27 @@ def computing_of(options: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names}
 
 
+COMPILING = "compiling the learner, once per machine, about 12 s"
+"""What a first run waits for."""
+
+
+def first_wait(learners: Iterable[str | Learner], options: argparse.Namespace) -> str:
+    """Return what a batch waits for before the first steps are counted."""
+    if options.scheduler is not None:
+        return "waiting for the first results of the cluster"
+    for learner in learners:
+        if uses_numba(options.engine, learner_of(learner)) and not is_prepared(
+            learner=learner
+        ):
+            return COMPILING
+    return "computing the first runs"
+
+
 def note_without_numba() -> None:
-    """Say what numba would bring."""
+    """Say that numba would make it faster."""
     note(
-        "numba is not installed: plain Python, about 100 times slower; pip install numba"
+        "numba is not installed: computing in plain Python, about 100 times slower; "
+        "pip install numba"
     )
 
 
@@ -57,17 +78,17 @@ class Bar(ExitStack):
     The moving line begins with the first number; before, lines say what goes on.
 
     Args:
-        unit: what is counted.
-        doing: what goes on before something is counted.
-        quiet: whether to show nothing.
+        unit: the counted unit.
+        doing: the work before the first count.
+        quiet: show no progress.
     """
 
     def __init__(
         self, unit: str, doing: str = "computing", *, quiet: bool = False
     ) -> None:
         super().__init__()
+        self.doing = doing
         self._unit = unit
-        self._doing = doing
         self._quiet = quiet
         self._bar: tqdm | None = None
         self._over = threading.Event()
@@ -80,15 +101,16 @@ class Bar(ExitStack):
         return super().__enter__()
 
     def _tell(self) -> None:
-        """Say what goes on, where no moving line does."""
+        """Say what goes on and for how long, where no moving line does."""
+        begun = time.monotonic()
         seconds = FIRST_SECONDS
         while not self._over.wait(seconds):
             if self._bar is None or self._bar.disable:
-                note(f"{self._doing} ...")
+                note(f"{self.doing}: {time.monotonic() - begun:.0f} s so far")
             seconds = LINE_SECONDS
 
     def show(self, done: int, total: int, name: str = "") -> None:
-        """Show what is done of all that there is."""
+        """Show the count out of the total."""
         if self._bar is None:
             bar = tqdm(
                 total=total,
@@ -101,6 +123,6 @@ class Bar(ExitStack):
                 smoothing=0.05,
             )
             self._bar = self.enter_context(bar)
-        self._doing = f"{name} {done:,} of {total:,} {self._unit}".lstrip()
+        self.doing = f"{name} {done:,} of {total:,} {self._unit}".lstrip()
         self._bar.set_description(name)
         self._bar.update(done - self._bar.n)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord conformance`: does a robot node of one's own keep the contract?"""
+"""`sparse_coord conformance`: does a user's robot node keep the contract?"""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -23,15 +23,18 @@ OPTIONS = (
     shared.Option(
         "[command COMMAND...]",
         None,
-        "behind --: starts the robot (default: it runs already, and its peers do not)",
+        "command that starts the robot, after -- (default: the robot is already running, "
+        "without its peers)",
     ),
     shared.Option(
-        "--robot NAME", None, "its name (default: the scenario's first robot)"
+        "--robot NAME", None, "name of the robot (default: the scenario's first)"
     ),
-    shared.Option("--scenario NAME", None, "which it is to play", {"default": "env1"}),
-    shared.Option("--namespace NAMESPACE", None, "in which it is"),
+    shared.Option("--scenario NAME", None, "scenario to play", {"default": "env1"}),
+    shared.Option("--namespace NAMESPACE", None, "namespace of the robot"),
     shared.Option(
-        "--checkpoints", bool, "it has to keep checkpoints, and to go back to them"
+        "--checkpoints",
+        bool,
+        "also check that it saves checkpoints and returns to them",
     ),
     shared.JSON,
 )

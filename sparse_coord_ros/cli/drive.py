@@ -45,24 +45,28 @@ ROWS = (
     ("bodies that touched in a doorway", "{touches_in_doorways}", "-"),
     ("bodies that touched elsewhere", "{touches_elsewhere}", "-"),
     ("bodies that touched a wall", "{bumps}", "-"),
-    ("moves that did not get there", "{moves_failed} of {moves}", "-"),
-    ("metres of drift of the odometry", "{drift:.2f}", "-"),
+    ("moves that failed", "{moves_failed} of {moves}", "-"),
+    ("drift of the odometry in metres", "{drift:.2f}", "-"),
 )
 """The rows of the table: what is counted, how the bodies did, what the grid predicts."""
 
 
 OPTIONS = (
-    Option("directory DIR", Path, "output of run or train"),
+    Option("directory DIR", Path, "output directory of run or train"),
     EPISODES,
     SEED,
     changes(
-        "change a setting of the bodies; may be repeated: "
+        "change a setting of the simulated robots; may be repeated: "
         + "; ".join(
             f"{s.name}: {s.help} (default: {s.default})"
             for s in DRIVE_SETTINGS.values()
         )
     ),
-    Option("--out FILE", Path, "draw the paths of the first episodes over the map"),
+    Option(
+        "--out FILE",
+        Path,
+        "draw the paths of the first episodes on the map, into this picture",
+    ),
     JSON,
 )
 
@@ -79,7 +83,7 @@ def execute(options: argparse.Namespace) -> None:
     run = load_run(options.directory)
     run.check_code()
     tables = load_team(options.directory, run.scenario, run.rule)
-    with Bar("episodes") as bar:
+    with Bar("episodes", "driving the first episode") as bar:
         driven = drive(
             run,
             tables,

@@ -43,9 +43,15 @@ EXAMPLE = (
 
 
 OPTIONS = (
-    Option("directories DIR...", Path, "output of run or train; several are compared"),
+    Option(
+        "directories DIR...",
+        Path,
+        "output directories of run or train; several are compared",
+    ),
     Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
-    Option("--exact", bool, "compute the measures instead, for one or two robots"),
+    Option(
+        "--exact", bool, "compute exact values instead of trials (one or two robots)"
+    ),
     Option("--seed", SEED, "seed of the trials"),
     JSON,
 )
@@ -91,7 +97,7 @@ def evaluated(
         exact: whether to compute the measures; None: where that can be.
 
     Raises:
-        SparseCoordError: there is no such run, or it cannot be evaluated so.
+        SparseCoordError: the run does not exist, or cannot be evaluated in this way.
     """
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
@@ -99,8 +105,8 @@ def evaluated(
             directory, run.scenario
         ):
             note(
-                f"{directory}: the run is not finished, its tables are those of the way there; go "
-                f"on with: sparse_coord {verb} --resume {directory}"
+                f"{directory}: the run is not finished, its tables are those of a checkpoint; "
+                f"continue with: sparse_coord {verb} --resume {directory}"
             )
     tables = load_team(directory, run.scenario, run.rule)
     return Evaluated(
@@ -122,7 +128,7 @@ def evaluation_of(
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)
-    with Bar("trials", "evaluating") as bar:
+    with Bar("trials", "evaluating the learned tables") as bar:
         how["progress"] = bar.show
         if exact is None:
             return evaluate_best(run.scenario, tables, **how)
@@ -169,7 +175,7 @@ def paper_row(run: RunConfig) -> dict:
 
 
 def result_table(found: Sequence[Evaluated]) -> str:
-    """Return the table of runs of one game: ours, the paper's, and what they are measured against.
+    """Return the table of runs of one game: ours, the paper's, and the reference values.
 
     Runs of one learner are told apart by their directories.
     """
@@ -203,5 +209,5 @@ def result_table(found: Sequence[Evaluated]) -> str:
             rows.append([f"{title}, paper", *cells, "-", "-"])
     for name, value in shipped.yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
-    head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
+    head = ["return", "time to goal", "miscoordinations", "asks", "all arrived"]
     return format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)

@@ -13,7 +13,7 @@ STEP = Setting(
     "step",
     int,
     0,
-    "time step, or the next one at which somebody coordinates",
+    "time step; if no robot asks there, the next one with a question",
     low=0,
     high=2**53,
 )
@@ -21,7 +21,7 @@ STEP = Setting(
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
 
-OPTIONS = (BAG, STEP, Option("--robot NAME", None, "of this robot only"), JSON)
+OPTIONS = (BAG, STEP, Option("--robot NAME", None, "only this robot"), JSON)
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -31,7 +31,7 @@ def execute(options: argparse.Namespace) -> None:
 
     wanted = options.step
     log = read_run(options.bag)
-    with leaving_out("what robots chose by and what they learned", note):
+    with leaving_out("the robots' values and updates", note):
         _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})

@@ -13,8 +13,8 @@ from sparse_coord_ros.core.game.grid import RESOLUTIONS
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.lab.maps.image import write_floor_plan
 
-RESOLUTION = Setting("resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
-PIXELS = Setting("pixels", int, 10, "pixels along the side of a cell", 1, 1000)
+RESOLUTION = Setting("resolution", float, 1.0, "metres per cell", *RESOLUTIONS)
+PIXELS = Setting("pixels", int, 10, "pixels per cell side", 1, 1000)
 
 EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 
@@ -22,11 +22,13 @@ EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 OPTIONS = (
     Option("map MAP", None, "a map's name, a map file, or a scenario file"),
     Option(
-        "--resolution", RESOLUTION.parse, "metres a cell (default: the map's own, or 1)"
+        "--resolution",
+        RESOLUTION.parse,
+        "metres per cell (default: the map's own, or 1)",
     ),
     PIXELS,
-    Option("--image", ("pgm", "png"), "the image's format"),
-    Option("--out", Path, "directory (default: here)"),
+    Option("--image", ("pgm", "png"), "image format"),
+    Option("--out", Path, "output directory (default: the current one)"),
 )
 
 

@@ -10,16 +10,16 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.game.settings import Setting
 
 TIMEOUT = Setting(
-    "timeout", float, 10.0, "seconds to wait until all have confirmed", 2.5, 3600
+    "timeout", float, 10.0, "seconds to wait for all confirmations", 2.5, 3600
 )
 
 EXAMPLE = "sparse_coord halt\n  sparse_coord halt --go-on"
 
 
 OPTIONS = (
-    shared.Option("--go-on", bool, "let the robots go on"),
+    shared.Option("--go-on", bool, "let the robots continue"),
     TIMEOUT,
-    shared.Option("--namespace", None, "of the team", {"default": ""}),
+    shared.Option("--namespace", None, "namespace of the team", {"default": ""}),
     shared.JSON,
 )
 
@@ -56,11 +56,9 @@ def execute(options: argparse.Namespace) -> int:
             node.destroy_node()
         if not halting.asked:
             where = f"namespace /{options.namespace.strip('/')}"
-            remedy = (
-                "give --namespace, look at ROS_DOMAIN_ID, or stop the robots by hand"
-            )
+            remedy = "give --namespace, check ROS_DOMAIN_ID, or stop the robots by hand"
             raise RunError(
-                f"no world with bodies and no driver is in {where}; {remedy}"
+                f"there is no world with bodies and no driver in {where}; {remedy}"
             )
         nodes = {
             name: {"done": one.done, "said": one.said}
@@ -70,7 +68,7 @@ def execute(options: argparse.Namespace) -> int:
         said = [halting.in_words(name) for name in nodes]
         if not world_told:
             said.append(
-                "no world has confirmed it: drivers that start later are not told"
+                "no world has confirmed: drivers that start later will not know"
             )
         facts = {"confirmed": confirmed, "world_told": world_told, "nodes": nodes}
         shared.tell(options, facts, *said)

@@ -21,10 +21,11 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 
 SPECK_SIZE = Setting(
-    "speck", float, SPECK, "metres up to which a spot is noise; 0: none", 0, 10
+    "speck", float, SPECK, "spots up to this size, in metres, are noise; 0: none", 0, 10
 )
 CORRIDOR = (
-    "metres through a doorway; longer ones are corridors (default: by cell and radius)"
+    "longest doorway, in metres; anything longer is a corridor "
+    "(default: from cell and radius)"
 )
 DOORWAY_LENGTH = Setting("doorway-length", float, None, CORRIDOR, 0, 1000)
 
@@ -52,36 +53,32 @@ def _place(text: str) -> Place:
 PLACES = {"action": "extend", "default": []}
 
 OPTIONS = (
-    Option("map MAP.yaml", Path, "the YAML file of the map"),
+    Option("map MAP.yaml", Path, "YAML file of the map_server map"),
     Option("--cell", CELL.parse, CELL.help),
     Option("--radius", RADIUS.parse, RADIUS.help),
     Option(
         "--start X,Y...",
         _place,
-        "where the robots start, in metres of the map's frame",
+        "start of each robot, in metres in the map's frame",
         PLACES,
     ),
-    Option("--goal X,Y...", _place, "where they are to go, in the same order", PLACES),
+    Option("--goal X,Y...", _place, "goal of each robot, in the same order", PLACES),
     Option(
         "--doorway X,Y...",
         _place,
-        "places in cells that are to be doorways too",
+        "places in cells to mark as doorways",
         PLACES,
     ),
-    Option(
-        "--no-doorway X,Y...", _place, "places in doorways that are to be none", PLACES
-    ),
+    Option("--no-doorway X,Y...", _place, "places in doorways to unmark", PLACES),
     Option("--doorway-length", DOORWAY_LENGTH.parse, DOORWAY_LENGTH.help),
     SPECK_SIZE,
-    changes(
-        "a setting of the scenario; what is not set is suggested by the map's distances"
-    ),
-    Option("--out", Path, "directory (default: <name>_map)"),
-    Option("--replace", bool, "replace what an earlier import-map wrote there"),
+    changes("change a scenario setting (default: suggested from the map's distances)"),
+    Option("--out", Path, "output directory (default: <name>_map)"),
+    Option("--replace", bool, "overwrite the output of an earlier import-map"),
     Option(
         "--page",
         bool,
-        "choose all that on a page in the browser, and start training there",
+        "choose cells, robots and doorways on a page in the browser, and start training there",
     ),
     *PAGE,
     JSON,
@@ -117,7 +114,7 @@ def execute(options: argparse.Namespace) -> None:
     check_free(options, replace=options.replace)
     from sparse_coord_ros.cli.computing import Bar
 
-    with Bar("cells", "laying the grid"):
+    with Bar("cells", "dividing the map into cells"):
         made = make(options, plan)
     if made.scenario is None:
         made.notes.append(

@@ -153,7 +153,7 @@ class ImportPage(Controlled):
             return
         if wish.name in (TRAIN, DRIVE) and self._busy:
             raise RunError(
-                "a team learns or drives already: wait for its end, or stop it"
+                "a team is already learning or driving: wait until it ends, or stop it"
             )
         if wish.name == DRIVE:
             if self._out is None or not self._learned:
@@ -167,7 +167,7 @@ class ImportPage(Controlled):
         self._board.put("imported", chosen=wish.value, **shown, **made.facts)
         if wish.name != IMPORT:
             if wish.name == TRAIN and made.scenario is None:
-                raise RunError("no robot is there: click its places")
+                raise RunError("no robot is placed: click its start and its goal")
             check_free(options, replace=self._replace)
             files = [*made.files, write(options, made)]
             self._replace = True  # they are this page's own now
@@ -240,7 +240,7 @@ class ImportPage(Controlled):
             saved = self._out is not None and (self._out / CHECKPOINT_FILE).exists()
             self._tell(
                 "Stopped."
-                + f" Go on with: sparse_coord train --resume {self._out}" * saved
+                + f" Continue with: sparse_coord train --resume {self._out}" * saved
             )
         return stopped
 

@@ -25,13 +25,13 @@ EXAMPLE = (
     "  sparse_coord improve runs/f"
 )
 
-IMPROVE = Option(
-    "--improve", bool, f"then plan on what was learned, into DIR/{IMPROVED}"
-)
+IMPROVE = Option("--improve", bool, f"run 'improve' at the end; writes DIR/{IMPROVED}")
 
 OPTIONS = (
     Option(
-        "directory DIR", Path, f"output of run or train; the plan's is DIR/{IMPROVED}"
+        "directory DIR",
+        Path,
+        f"output directory of run or train; the plan is written to DIR/{IMPROVED}",
     ),
     JSON,
 )
@@ -48,11 +48,11 @@ def execute(options: argparse.Namespace) -> None:
 def planned(
     out: Path, run: RunConfig, tables: Sequence[Tables]
 ) -> tuple[dict[str, Any], str]:
-    """Plan on what a run's robots learned, and save that; return what it is worth, and in words.
+    """Plan on the learned memories of a run, and save the plan; return its value, and words.
 
     Raises:
-        SettingError: they do not learn what it needs.
-        RunError: there is a plan already.
+        SettingError: the robots do not learn the model that it needs.
+        RunError: a plan exists already.
     """
     found = improve(run.scenario, run.rule, [table.memory for table in tables])
     folder = save_improved(out, run, found)
@@ -67,7 +67,7 @@ def planned(
     if unfelt:
         where = ", ".join(str(run.scenario.map.cells[x]) for x in unfelt)
         lines.append(
-            f"no r^C was ever felt in doorway {where}: the plan takes it for a room"
+            f"no robot ever paid r^C in doorway {where}: the plan treats it as free cells"
         )
     facts = {
         "learned_model": {**model, "unfelt": unfelt},

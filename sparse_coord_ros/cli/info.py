@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord info`: what is in a bag."""
+"""`sparse_coord info`: the content of a bag."""
 
 import argparse
 from collections.abc import Iterator
@@ -110,7 +110,7 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
 
 def _state(found: dict[str, Any]) -> str:
     if found["recording"]:
-        return "being recorded (as far as its recorder has handed it over)"
+        return "being recorded; shown up to the last part that its recorder has written"
     if found["damage"] is not None:
         return f"damaged: {found['damage']}"
     return (

@@ -75,20 +75,20 @@ def run(
 
 
 def sole_team() -> socket.socket:
-    """Hold this machine's ROS domain, until the socket that is returned is closed.
+    """Hold this machine's ROS domain until the returned socket is closed.
 
     Of two teams started at once one is refused as a whole: node by node their claims would give
     each of them some of the names.
 
     Raises:
-        RunError: another `sparse_coord run` of this user has it, or there is no such domain.
+        RunError: another `sparse_coord run` of this user holds it, or the number is no domain.
     """
     domain = ros_domain()
     holder = socket.socket(socket.AF_UNIX)
     try:  # an abstract address: it leaves no file, and is gone with its process
         holder.bind(f"\0sparse_coord_{os.getuid()}_domain_{domain}")
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:  # else there are no such addresses here
+        if error.errno == errno.EADDRINUSE:  # else no abstract addresses
             holder.close()
             raise RunError(
                 f"ROS domain {domain}: another process runs a team in it; wait for its end, or "
@@ -122,7 +122,7 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if recorder is not None and recorder.returncode:
         error = BagError(
             f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "
-            "recorded until then, 'sparse_coord recover' finishes it"
+            "recorded until then, 'sparse_coord recover' repairs it"
         )
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
@@ -174,7 +174,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
             last_robot = time.monotonic()
         left = time.monotonic() - last_robot > ALONE_SECONDS
         if left:
-            note("all robots have left: the run ends")
+            note("all robots are gone: the run ends")
         if left or stop:
             _end(processes.values())
             return True
@@ -189,7 +189,7 @@ def _check(needed: Mapping[str, Process], running: bool) -> None:
     for name, code in codes.items():
         rest = "the others were stopped" if running else "the others had ended"
         raise RunError(
-            f"{name} ended with exit code {code}; {rest}, what they had is saved"
+            f"{name} ended with exit code {code}; {rest}, their results are saved"
         )
 
 

@@ -16,28 +16,56 @@ from sparse_coord_ros.base.errors import (
     failure_of,
 )
 from sparse_coord_ros.base.version import __version__
-from sparse_coord_ros.cli.verbs import LIVE, VERBS, Parser, add_verb
+from sparse_coord_ros.cli.verbs import GROUPS, LIVE, VERBS, Parser, add_verb
+
+ABOUT = "Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009)."
+EPILOG = """\
+'sparse_coord VERB --help' describes a verb.
+
+exit codes:
+  0    done
+  1    check failed (verify, recover, doctor, conformance, halt)
+  2    bad input; one line says what to change
+  3    undecided (verify, where a part of the log is missing)
+  130  interrupted
+"""
 
 
 def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of all verbs; only the chosen one has options, and is imported."""
     parser = Parser(
         prog="sparse_coord",
-        description="Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009).",
-        epilog="Exit codes: 0 done, 1 not as hoped (verify, recover, doctor, conformance, halt), "
-        "2 bad input (one line says what), 3 cannot tell (verify of an older log), "
-        "130 interrupted.",
+        usage="%(prog)s [-h] [--version] VERB ...",
+        description=f"{ABOUT}\n\n{_listed_verbs()}",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--version", action="version", version=f"%(prog)s {__version__}"
     )
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for verb, text in VERBS.items():
+    verbs = parser.add_subparsers(
+        dest="verb",
+        required=True,
+        metavar="VERB",
+        prog=parser.prog,
+        help=argparse.SUPPRESS,
+    )
+    for verb in VERBS:
         if verb == chosen:
             add_verb(verbs, verb)
         else:
-            verbs.add_parser(verb, help=text)
+            verbs.add_parser(verb)
     return parser
+
+
+def _listed_verbs() -> str:
+    """Return the verbs in their groups, a line each."""
+    lines = []
+    for group, verbs in GROUPS.items():
+        lines.append(f"{group}:")
+        lines += [f"  {verb:<12} {text}" for verb, text in verbs.items()]
+        lines.append("")
+    return "\n".join(lines[:-1])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -16,7 +16,7 @@ OPTIONS = (
     Option(
         "[name NAME]",
         None,
-        "a map's, a generated building's, or a map or scenario file",
+        "name of a map or of a generated building, or a map or scenario file",
     ),
     JSON,
 )

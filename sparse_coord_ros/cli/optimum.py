@@ -48,10 +48,14 @@ OPTIONS = (
     Option(
         "--class",
         bool,
-        "search for the best team of two robots that has Algorithm 1's form",
+        "search for the best asking team (two robots)",
         {"dest": "asking"},
     ),
-    Option("--restarts", RESTARTS.parse, f"with --class (default: {RESTARTS.default})"),
+    Option(
+        "--restarts",
+        RESTARTS.parse,
+        f"with --class: restarts of the search (default: {RESTARTS.default})",
+    ),
     Option(
         "--seed",
         SEED.parse,
@@ -60,7 +64,7 @@ OPTIONS = (
     Option(
         "--out",
         Path,
-        "with --class: a JSON file to keep the search in, and to go on from",
+        "with --class: JSON file that stores the search; an existing one is continued",
     ),
     JSON,
 )
@@ -97,7 +101,9 @@ def execute(options: argparse.Namespace) -> None:
         known["best learned team"] = str(team)
     if routes is not None:
         estimate = f"{routes.value:.2f} ({routes.standard_error:.2f})"
-        known["route planner"] = f"{estimate}, sees everything for nothing"
+        known["route planner"] = (
+            f"{estimate}, if one controller saw all robots for free"
+        )
     known[bound_in_words(scenario)] = f"{bound:.2f}"
     known["fixed shortest paths"] = paths.in_words()
     if not paths.exact:
@@ -107,13 +113,13 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _search(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Search for the best asking team, and print what was found."""
+    """Search for the best asking team, and print the result."""
     from sparse_coord_ros.cli.computing import Bar
 
     check_two_robots(scenario)
     if options.out is not None:
         pictures.check_out(options.out)
-    with Bar("restarts", quiet=options.json) as bar:
+    with Bar("restarts", "searching for asking teams", quiet=options.json) as bar:
         found = find_asking_team(
             scenario,
             restarts=RESTARTS.default if options.restarts is None else options.restarts,
@@ -138,7 +144,7 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
             )
     if not any(found.gains):
         lines.append(
-            "no robot was found to gain by changing alone: an equilibrium, as far as known"
+            "no robot can gain by changing alone, as far as the search found: an equilibrium"
         )
     if options.out is not None:
         lines.append(f"written: {options.out}")

@@ -46,8 +46,8 @@ class Option(NamedTuple):
         kind: bool: a flag; a `Setting`: its values, with its default, and needed where it has
             none; a tuple of texts: one of these, the first by default; else what reads the value:
             a type, a function, or None for a text; without a default.
-        help: what it is.
-        more: further arguments of `add_argument`; and `names`, what the Tab key offers.
+        help: its help text.
+        more: further arguments of `add_argument`; and `names`, the completions of the Tab key.
     """
 
     words: str
@@ -96,8 +96,8 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
-BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
-JSON = Option("--json", bool, "print one JSON object for machines")
+BAG = Option("bag BAG", _bag, "a run or bag directory, or a bag file")
+JSON = Option("--json", bool, "print the result as JSON")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (
     *PAGE_SETTINGS.values(),
@@ -109,7 +109,7 @@ WATCH = (
     Option(
         "--watch",
         bool,
-        "show the run on a page in the browser, which stays when it is over",
+        "show the run on a page in the browser; the page stays open at the end",
     ),
     *PAGE,
 )
@@ -124,17 +124,17 @@ def changes(help: str) -> Option:
 def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
     """Return SCENARIO and the options that change it."""
     words = "[scenario SCENARIO]" if optional else "scenario SCENARIO"
-    known = f"path of a scenario file, or one of: {', '.join(scenario_names())}"
+    known = f"scenario file, or one of: {', '.join(scenario_names())}"
     what = "change a scenario setting, e.g. perception=probability:0.7; may be repeated"
     return (
         Option(words, None, known, {"names": scenario_names}),
-        Option("--penalty", None, "r^C of a miscoordination, e.g. -20"),
+        Option("--penalty", None, "penalty of a miscoordination (r^C), e.g. -20"),
         changes(what),
     )
 
 
 def run_options(resume: str) -> tuple[Option | Setting, ...]:
-    """Return the options of a learning run: what learns, where it goes, and whether it goes on.
+    """Return the options of a learning run: scenario, learner, output and resuming.
 
     Args:
         resume: help of --resume.
@@ -148,17 +148,17 @@ def run_options(resume: str) -> tuple[Option | Setting, ...]:
     }
     return (
         *scenario_options(optional=True),
-        Option("--steps", None, "step budget in transitions (default: the scenario's)"),
+        Option("--steps", None, "learning steps (default: the scenario's)"),
         SEED,
         Option(
             "--out",
             Path,
-            "output directory, must not exist (default: runs/<name>_<time>)",
+            "output directory; must not exist (default: runs/<name>_<time>)",
         ),
         Option(
             "--learner",
             None,
-            f"{'; '.join(known)}; or one of your own as module:Class",
+            f"{'; '.join(known)}; or your own learner as module:Class",
             learner,
         ),
         Option("--resume DIR", Path, resume),
@@ -218,12 +218,12 @@ def output_directory(options: argparse.Namespace, name: str) -> Path:
 
 
 def note(text: str) -> None:
-    """Say on stderr what a user should know while something goes on."""
+    """Print a note for the user on stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def tell(options: argparse.Namespace, facts: Any, *lines: str) -> None:
-    """Print what a verb found: lines, or with --json one JSON object of the facts.
+    """Print the result of a verb: lines, or with --json one JSON object of the facts.
 
     Facts may hold records and paths; numbers that are none (NaN) are null.
     """

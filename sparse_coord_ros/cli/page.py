@@ -28,11 +28,11 @@ Team = TypeVar("Team")
 def served(
     options: argparse.Namespace, *boards: MessageBoard, index: str = "index.html"
 ) -> Iterator["Server"]:
-    """Serve the page where the options say, and tell where that is.
+    """Serve the page at the address in the options, and print the address.
 
     Args:
         options: of the verb.
-        boards: what the page shows; without: an empty one.
+        boards: the boards of the page; without: an empty one.
         index: the file that is shown first.
 
     Raises:
@@ -54,7 +54,7 @@ def announce(server: "Server", options: argparse.Namespace) -> None:
     """Print the address of a page that has something to show; open it where that is wanted."""
     note(f"watch it at {server.address}")
     if options.browser and not webbrowser.open(server.address):
-        note("no browser is here: open that address in one")
+        note("no browser was found: open that address in one")
 
 
 class Wishes(Controlled):
@@ -75,12 +75,12 @@ def one_by_one(
     play: Callable[[argparse.Namespace, Path, Team, MessageBoard], int | None],
     stop: "Stop | None" = None,
 ) -> int | None:
-    """Let teams learn one after the other on a page, as it wants them; return the exit code.
+    """Let teams learn one after the other on a page, as it requests; return the exit code.
 
     Args:
-        options: of the verb; the next team's scenario and penalty are those that the page wants.
-        begin: returns a team's output directory, and what it is made of.
-        play: lets it learn until it is done; returns the exit code.
+        options: of the verb; the page chooses the next team's scenario and penalty.
+        begin: returns a team's output directory, and its configuration.
+        play: lets it learn to the end; returns the exit code.
         stop: catches the signals that end the waiting between two teams; None: Ctrl-C does.
     """
     out, team = begin(options)
@@ -102,7 +102,7 @@ def one_by_one(
 
 
 def show_end(board: MessageBoard, out: Path) -> None:
-    """Show what a finished run has learned."""
+    """Show the learned policy of a finished run."""
     from sparse_coord_ros.show.page.messages import put_end
 
     try:
@@ -113,7 +113,7 @@ def show_end(board: MessageBoard, out: Path) -> None:
 
 
 def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
-    """Wait for what the page wants next; Ctrl-C ends the waiting.
+    """Wait for the page's next request; Ctrl-C ends the waiting.
 
     Args:
         server: of the page.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the verbs that make pictures share: what they show, where it goes, what is missing."""
+"""Shared parts of the verbs that make pictures: sources, output files, missing data."""
 
 import argparse
 import os
@@ -19,12 +19,12 @@ KINDS = (".png", ".svg", ".pdf")
 
 def out_option(kinds: Sequence[str]) -> shared.Option:
     """Return --out, which is needed."""
-    where = f"where to write it; its name ends in {' or '.join(kinds)}"
+    where = f"output file; its name ends in {' or '.join(kinds)}"
     return shared.Option("--out FILE", Path, where, {"required": True})
 
 
 def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
-    """Return of which kind a file is to be, before anything is computed for it.
+    """Return the kind of a file to write, and check it before any computation.
 
     Args:
         path: the file.
@@ -48,7 +48,7 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
 
 
 def write(options: argparse.Namespace, data: bytes | str, **said: object) -> None:
-    """Write the file that --out names whole, and say where it is, in JSON what is `said`, too."""
+    """Write the file of --out whole, and print its path; JSON output also has `said`."""
     write_whole(options.out, data)
     size = options.out.stat().st_size
     facts = {"file": options.out, "bytes": size, **said}

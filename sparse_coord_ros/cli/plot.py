@@ -9,7 +9,9 @@ from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, Option, note
 from sparse_coord_ros.core.game.settings import Setting
 
-DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
+DPI = Setting(
+    "dpi", int, 110, "resolution of a PNG, in dots per inch", low=20, high=600
+)
 
 EXAMPLE = "sparse_coord plot runs/demo --what policy,coordination --out demo.png"
 
@@ -18,14 +20,15 @@ OPTIONS = (
     Option(
         "sources RUN|BAG|RESULTS...",
         Path,
-        "runs, bags, side by side, or one of results",
+        "run directories or bags, drawn side by side; or one results directory",
     ),
     Option(
         "--what",
         None,
-        "of a run: policy, asks (where it asks), sparsity (of Q^C), curves (of learning), length "
-        "(the first of these), percepts (how they ended; needs a bag); of results: conditions, "
-        "asks, or an experiment's name; several with commas (default: all there is)",
+        "plots of a run: policy, asks (where robots ask), sparsity (of Q^C), curves (of "
+        "learning), length (of episodes), percepts (how questions ended; needs a bag); plots "
+        "of results: conditions, asks, or the name of an experiment; separate several by "
+        "commas (default: all)",
     ),
     DPI,
     pictures.out_option(pictures.KINDS),

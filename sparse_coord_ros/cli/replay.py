@@ -18,11 +18,14 @@ EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 
 OPTIONS = (
     BAG,
-    Option("--rate R", None, "seconds of the bag played a second", {"default": "1"}),
+    Option("--rate R", None, "playback speed as a factor", {"default": "1"}),
     Option(
-        "--start T", None, "seconds after the bag's first message", {"default": "0"}
+        "--start T",
+        None,
+        "start this many seconds after the bag's first message",
+        {"default": "0"},
     ),
-    Option("--loop", bool, "begin again at the end"),
+    Option("--loop", bool, "restart at the end"),
     Option(
         "--topics TOPIC",
         None,
@@ -33,7 +36,7 @@ OPTIONS = (
     Option(
         "--step",
         bool,
-        "begin paused; space goes on, the right arrow or /player/step shows the next time step",
+        "start paused; space resumes, the right arrow or /player/step plays the next time step",
     ),
 )
 

@@ -18,12 +18,12 @@ OPTIONS = (
     Option(
         "source RUN|BAG|RESULTS",
         Path,
-        "a run's directory; a bag's, or its file; results",
+        "run, bag or results directory, or bag file",
     ),
     Option(
         "--no-baselines",
         bool,
-        "do not let Indiv. and Non-coop. learn the same, to compare",
+        "do not train Indiv. and Non-coop. for comparison",
     ),
     pictures.out_option(KINDS),
     JSON,

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.core.runs.evaluation import summary
@@ -32,14 +32,14 @@ OPTIONS = (
     Option(
         "--out",
         Path,
-        "results directory; what it holds already is not computed again",
+        "results directory; existing results are kept and not computed again",
         {"default": Path("results")},
     ),
     RUNS,
     RUN_TRIALS,
     Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
-    Option("--list", bool, "list the conditions and stop"),
+    Option("--list", bool, "list the conditions, compute nothing"),
     JSON,
 )
 
@@ -47,14 +47,16 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     asked = options.targets or NAMES
+    targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
     if options.list:
-        targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
         conditions = [one.id for one in targets.conditions]
         runs = [f"{one.id}/{number}" for one, number in targets.runs]
         tell(options, {"conditions": conditions, "runs": runs}, *conditions, *runs)
         return
     by = computing_of(options)
-    with Bar("agent-steps") as bar:
+    learners = {one.learner for one in targets.conditions}
+    learners |= {one.learner for one, _ in targets.runs}
+    with Bar("agent-steps", first_wait(learners, options)) as bar:
         done = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),
@@ -68,13 +70,13 @@ def execute(options: argparse.Namespace) -> None:
 def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
     rows = []
     for name, result in done.items():
-        reward = result.measure("reward")
+        returns = result.measure("returns")
         asks = result.measure("asks")
-        error = f"{reward.standard_error:.2f}" if result.runs > 1 else "-"
+        error = f"{returns.standard_error:.2f}" if result.runs > 1 else "-"
         rows.append(
             [
                 name,
-                f"{reward.mean:.2f} ± {reward.spread:.2f}",
+                f"{returns.mean:.2f} ± {returns.spread:.2f}",
                 error,
                 f"{result.measure('miscoordinations').mean:.2f}",
                 f"{asks.mean:.2f}",
@@ -87,7 +89,7 @@ def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
     if rows:
         head = [
             "condition",
-            "reward",
+            "return",
             "s.e.",
             "miscoord.",
             "asks",

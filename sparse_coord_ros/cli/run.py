@@ -32,28 +32,34 @@ EXAMPLE = (
 
 OPTIONS = (
     *shared.run_options(
-        "go on with a run that ended too early, from its last common checkpoint, instead of "
-        "SCENARIO; DIR is its output directory"
+        "continue an interrupted run from its last common checkpoint; DIR is its output "
+        "directory; replaces SCENARIO"
     ),
-    shared.Option("--executor", ("events", "single"), "what runs the callbacks"),
-    shared.Option("--processes", bool, "every node in its own process"),
-    shared.Option("--rate HZ", None, "time steps a second, to watch"),
-    shared.Option("--no-record", bool, "write no bag"),
-    shared.Option("--compression", ("zstd", "lz4", "none"), "of the bag"),
+    shared.Option("--executor", ("events", "single"), "executor of the nodes"),
+    shared.Option("--processes", bool, "start each node in its own process"),
     shared.Option(
-        "--max-bagfile-size BYTES", None, "begin another file of the bag after so many"
+        "--rate HZ",
+        None,
+        "limit the speed to this many time steps a second (default: no limit)",
+    ),
+    shared.Option("--no-record", bool, "do not record a bag"),
+    shared.Option("--compression", ("zstd", "lz4", "none"), "compression of the bag"),
+    shared.Option(
+        "--max-bagfile-size BYTES", None, "start a new bag file after this many bytes"
     ),
     shared.Option(
-        "--max-bagfile-duration SECONDS", None, "or after so many simulated seconds"
+        "--max-bagfile-duration SECONDS",
+        None,
+        "start a new bag file after this many simulated seconds",
     ),
     shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"].parse,
-        "record the tables and save what --resume needs each so many steps (default: 10000; 0: "
-        "only at the end)",
+        "save a checkpoint and record the tables every STEPS steps (default: 10000; 0: only at "
+        "the end)",
     ),
-    shared.Option("--tables DIR", None, "begin with the tables of that run"),
-    shared.Option("--greedy", bool, "act on --tables without learning"),
+    shared.Option("--tables DIR", None, "start from the tables of this run directory"),
+    shared.Option("--greedy", bool, "act greedily on --tables, without learning"),
     IMPROVE,
     *shared.WATCH,
     shared.JSON,
@@ -72,7 +78,7 @@ def execute(options: argparse.Namespace) -> int | None:
     if options.processes:
         why = "leave out --processes, or run 'sparse_coord watch' beside it"
         raise RunError(f"--watch shows a team in one process: {why}")
-    # One handler for all runs and what is between them: no signal falls into a gap.
+    # One handler for all runs and the time between them, so that no signal is lost.
     with signals() as stop:
         return page.one_by_one(options, _begin, partial(_run, stop=stop), stop)
 
@@ -143,13 +149,13 @@ def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[s
     pace = summary.get("steps_per_second", 0)
     how = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
     if options.resume is not None and not pace and not summary["interrupted"]:
-        how = "made before: the run was finished already"
+        how = "(the run was already finished)"
     yield (
         f"\n{summary.get('transitions', 0)} steps {how}, {summary.get('episodes', 0)} episodes, "
         f"{summary.get('timeouts', 0)} timeouts"
     )
     if summary.get("transitions_dropped"):
-        yield f"{summary['transitions_dropped']} transitions were not learned from"
+        yield f"{summary['transitions_dropped']} transitions were not used for learning"
     for robot, asks in summary.get("asks", {}).items():
         yield f"{robot} asked: " + ", ".join(
             f"{count} {how}" for how, count in asks.items()
@@ -169,7 +175,7 @@ def _lines(
         yield f"plan    {plan}"
     yield f"run     {out / 'run.yaml'}"
     if (interrupted or saved) and (out / CHECKPOINTS).is_dir():
-        yield f"not finished; go on with: sparse_coord run --resume {out}"
+        yield f"not finished; continue with: sparse_coord run --resume {out}"
     if (out / "bag").exists():
         yield f"bag     {out / 'bag'}"
     silent = interrupted or options.greedy or options.watch or options.json

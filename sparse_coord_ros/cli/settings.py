@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord settings`: every setting, its default, what it allows and what it means."""
+"""`sparse_coord settings`: every setting, its default, its allowed values and its meaning."""
 
 import argparse
 import textwrap
@@ -36,8 +36,8 @@ class Entry(NamedTuple):
     """A setting, or a learner.
 
     Attributes:
-        lines: what is said of it, the first line beside its name.
-        forms: how its value is written, one form a line; said where it is asked for by name.
+        lines: its description, the first line beside its name.
+        forms: the forms of its value, one per line; shown if it is requested by name.
         facts: plain data of it.
     """
 
@@ -98,7 +98,7 @@ def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
         "Simulated bodies (drive --set NAME=VALUE)",
         _entries(DRIVE_SETTINGS.values()),
     )
-    with suppress(ImportError):  # where there is no ROS 2, there are no nodes
+    with suppress(ImportError):  # without ROS 2 there are no nodes
         from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
         for node, table in PARAMETERS.items():

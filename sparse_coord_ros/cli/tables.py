@@ -23,8 +23,12 @@ EXAMPLE = (
 
 OPTIONS = (
     BAG,
-    Option("--step N", STEP.parse, "the checkpoint's time step; without: say which"),
-    Option("--out DIR", Path, "where to write them"),
+    Option(
+        "--step N",
+        STEP.parse,
+        "time step of the checkpoint (default: list the checkpoints)",
+    ),
+    Option("--out DIR", Path, "output directory"),
     JSON,
 )
 

@@ -13,7 +13,7 @@ from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import RunError, os_error_text
 from sparse_coord_ros.base.files import take_lock, write_whole
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import Bar, note_without_numba
+from sparse_coord_ros.cli.computing import COMPILING, Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
@@ -66,22 +66,24 @@ EXAMPLE = (
 
 OPTIONS = (
     *shared.run_options(
-        "go on with an interrupted run, instead of SCENARIO; DIR is its output directory"
+        "continue an interrupted run; DIR is its output directory; replaces SCENARIO"
     ),
     Option(
         "--engine",
         ENGINES,
-        "the bits are the same; auto: numba where it is worth compiling",
+        "how to compute; all engines give identical results; auto: numba for runs that are "
+        "long enough to pay for compiling",
     ),
     Option(
         "--evaluate-every STEPS",
         EVERY.parse,
-        f"evaluate on the way too: {EVALUATIONS_FILE}",
+        f"also evaluate every STEPS steps, into {EVALUATIONS_FILE}",
     ),
     Option(
         "--trials",
         TRIALS.parse,
-        "of the evaluation (default: 1000, or none where it can be computed; 0: no evaluation)",
+        "trials of the final evaluation (default: exact if that is quick, else 1000; 0: no "
+        "evaluation)",
     ),
     IMPROVE,
     *shared.WATCH,
@@ -103,7 +105,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
-    """Return a run's directory, and what it is."""
+    """Return a run's directory, and its configuration."""
     out = options.resume
     if out is None:
         scenario = shared.scenario_of(options)
@@ -117,12 +119,12 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     run.check_code()
     if (out / CHECKPOINTS).is_dir():
         raise RunError(
-            f"{out}: holds a run of nodes; go on with: sparse_coord run --resume {out}"
+            f"{out}: holds a run of nodes; continue with: sparse_coord run --resume {out}"
         )
     if not (out / CHECKPOINT_FILE).exists():
         what = "is finished" if (out / TEAM_FILE).exists() else "has no checkpoint"
         raise RunError(
-            f"{out}: the run {what}, there is nothing to go on with; begin another one"
+            f"{out}: the run {what}, there is nothing to continue; start another one"
         )
     return out, run
 
@@ -133,7 +135,7 @@ def learn(
     run: RunConfig,
     board: MessageBoard | None = None,
 ) -> None:
-    """Let one team learn, save what it learned, and say so."""
+    """Let one team learn, save its tables, and report it."""
     # refused before a directory is made
     engine_for(run.scenario, run.rule, options.engine)
     if options.resume is None:
@@ -142,7 +144,7 @@ def learn(
     try:
         if not take_lock(folder):
             raise RunError(
-                f"{out}: another process learns there; wait for its end, or stop it"
+                f"{out}: another process is learning there; wait until it ends, or stop it"
             )
         _learn_there(options, out, run, board)
     finally:
@@ -180,13 +182,13 @@ def _trained(
     options: argparse.Namespace, out: Path, run: RunConfig, view: Watcher | None
 ) -> Training:
     """Let the team learn, with a progress bar and checkpoints."""
-    bar = Bar("steps", "setting up", quiet=options.json)
-    with bar:
+    with Bar("steps", quiet=options.json) as bar:
+        engine = _ready_engine(options, run, bar)
         return train(
             run.scenario,
             run.rule,
             run.seed,
-            engine=_ready_engine(options, run),
+            engine=engine,
             evaluate_every=options.evaluate_every,
             trials=EVERY_TRIALS.default,
             progress=bar.show,
@@ -205,12 +207,10 @@ def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> Non
     saved = (out / CHECKPOINT_FILE).exists()
     left = ""
     if saved:
-        left = (
-            f"what was learned is saved; go on with: sparse_coord train --resume {out}"
-        )
+        left = f"what was learned is saved; continue with: sparse_coord train --resume {out}"
     elif not resumed and not (out / TEAM_FILE).exists():
         _remove(out)
-        left = "nothing that was learned is saved, nothing is left"
+        left = "nothing was saved"
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
         raise RunError(f"{os_error_text(error)}; make room; {left}") from None
     if left and (saved or isinstance(error, KeyboardInterrupt)):
@@ -225,14 +225,16 @@ def _remove(out: Path) -> None:
         out.rmdir()
 
 
-def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
+def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     """Return the engine of the run; say if numba compiles first, or is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
+    if engine == "numba":
+        if not is_prepared(learner=run.rule, history=True):
+            bar.doing = COMPILING
+        prepare(run.rule, engine=engine, history=True)
+    bar.doing = "learning the first steps"
     if options.json:
         return engine
-    if engine == "numba" and not is_prepared(learner=run.rule, history=True):
-        shared.note("compiling the learning loop (some 10 s, once) ...")
-        prepare(run.rule, engine=engine, history=True)
     missed = options.engine == "auto" and not has_numba()
     if missed and worth_compiling(run.scenario, run.rule):
         note_without_numba()
@@ -257,7 +259,7 @@ def _save(out: Path, done: Training) -> None:
 def _say(
     options: argparse.Namespace, out: Path, run: RunConfig, done: Training
 ) -> None:
-    """Print what was learned and where it is, and what was made of it."""
+    """Print the results of learning, their place, and the results of planning."""
     scenario = run.scenario
     trials = options.trials
     lines = []
@@ -320,7 +322,7 @@ def tips(scenario: Scenario, done: Training) -> list[str]:
         )
     elif str(scenario.starts) == "fixed":
         found.append(
-            "Episodes that always begin at the same cells seldom find a goal far away: "
+            "Episodes that always begin at the same cells seldom find a distant goal: "
             f"--set starts={SETTINGS['starts'].default}."
         )
     share = f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the"

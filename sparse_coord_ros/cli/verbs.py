@@ -10,35 +10,48 @@ from typing import Any, NoReturn
 
 from sparse_coord_ros.base.errors import EXIT_BAD_INPUT, did_you_mean
 
-VERBS: Mapping[str, str] = {
-    "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
-    "train": "learn without ROS: the same computation, the same bits",
-    "improve": "let a team plan on what its robots have learned, after they exchanged it once",
-    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
-    "drive": "drive a learned team through a simulator of bodies, in metres and seconds",
-    "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
-    "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
-    "doctor": "look whether all is here that a run needs, and say what to do where it is not",
-    "settings": "list all settings: defaults, what is allowed, what they mean",
-    "maps": "list the maps, or show one",
-    "import-map": "make a map and a scenario of a building's map, as map_server reads it",
-    "export-map": "write a map as map_server reads it",
-    "info": "say what is in a bag: the run, its topics and files, whether it is whole",
-    "verify": "compute a recorded run again, from its seed and its log alone, and compare",
-    "explain": "trace each COORDINATE of a time step: question, answer, what was learned from it",
-    "watch": "show a team that learns on a page in the browser: a live one, or a recorded run",
-    "halt": "let all robots of a team stand at once, or go on",
-    "conformance": "check whether a robot node of one's own keeps the contract of the interface",
-    "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
-    "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
-    "tables": "take the tables of a checkpoint out of a bag",
-    "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
-    "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
-    "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
-    "benchmark": "judge learners on fixed lists of scenarios",
-    "reproduce": "reproduce the paper's tables and figures, and go beyond them",
+GROUPS: Mapping[str, Mapping[str, str]] = {
+    "learn": {
+        "train": "train a team without ROS; gives the same tables as run",
+        "run": "train a team live over ROS 2 nodes, and record it to MCAP",
+        "improve": "let robots share what they learned once, then plan together",
+        "settings": "list all settings with defaults and allowed values",
+        "doctor": "check the installation and suggest fixes",
+    },
+    "evaluate": {
+        "evaluate": "evaluate learned tables by trials or exactly, and compare runs",
+        "optimum": "compute the joint optimum, shortest paths and the best asking team",
+        "benchmark": "compare learners on fixed lists of scenarios",
+        "reproduce": "reproduce the tables and figures of the paper, and further studies",
+    },
+    "look at runs": {
+        "watch": "show live or recorded runs on a page in the browser",
+        "report": "write an HTML report of a run or of results",
+        "plot": "plot policies, questions, learning curves or results",
+        "animate": "record an episode as an animated GIF",
+    },
+    "bags": {
+        "info": "show what a bag contains and whether it is complete",
+        "verify": "recompute a recorded run from its seed and log, and compare",
+        "explain": "explain the questions of a time step: answer, choice, update",
+        "replay": "play a recorded run back over ROS 2",
+        "recover": "repair a bag that is damaged or was cut off by a crash",
+        "tables": "extract the tables of a checkpoint from a bag",
+    },
+    "maps": {
+        "maps": "list the maps, or show one",
+        "import-map": "turn a map_server map into a map and a scenario",
+        "export-map": "write a map in the format of map_server",
+    },
+    "robots": {
+        "drive": "drive a learned team in a simulation with metres and seconds",
+        "halt": "stop all robots of a team, or let them continue",
+        "conformance": "check whether your robot node follows the interface",
+    },
 }
-"""Every verb and what it does; its module is imported where it is chosen."""
+"""Every verb and what it does, in groups; its module is imported where it is chosen."""
+
+VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
 LIVE = ("run", "replay", "halt", "conformance")
 """Verbs that run ROS nodes, which mind signals by themselves."""
@@ -68,7 +81,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"{what}; allowed: {', '.join(known)}")
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong in one line and exit."""
+        """Print the error in one line and exit."""
         self.exit(EXIT_BAD_INPUT, f"error: {message}; see {self.prog} --help\n")
 
 
@@ -94,7 +107,7 @@ def add_verb(verbs: Any, name: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_options(parser, module.OPTIONS)
-    what = "may be imported if what is read here names it: a learner or model of yours; repeatable"
+    what = "allow this Python module to be imported when a file refers to it; may be repeated"
     parser.add_argument(
         "--allow", metavar="MODULE", action="append", default=[], help=what
     )

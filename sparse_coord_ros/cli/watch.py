@@ -12,9 +12,14 @@ from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.core.game.settings import Setting
 
 RATE = Setting(
-    "rate", float, 10.0, "of a bag: time steps a second", low=0.001, high=1e6
+    "rate",
+    float,
+    10.0,
+    "playback speed of a bag, in time steps a second",
+    low=0.001,
+    high=1e6,
 )
-STEP = Setting("step", int, 0, "of a bag: time step to begin at", low=0, high=2**53)
+STEP = Setting("step", int, 0, "start a bag at this time step", low=0, high=2**53)
 
 EXAMPLE = (
     "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_factored"
@@ -25,15 +30,14 @@ OPTIONS = (
     Option(
         "[bags BAG...]",
         Path,
-        "a bag's or a run's directory, or a file; one that is still being recorded is followed, "
-        "several are played side by side by one clock (default: the team that runs now, over its "
-        "ROS topics)",
+        "run or bag directories, or bag files; several are compared on one page; a bag that is "
+        "still being recorded is followed (default: the live team on the ROS topics)",
     ),
     RATE,
     Option(
         "--step N",
         STEP.parse,
-        "of a bag: time step to begin at (default: what was learned)",
+        "start a bag at this time step (default: at the end, with what was learned)",
     ),
     *PAGE,
 )

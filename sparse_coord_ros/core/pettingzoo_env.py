@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scenario as a parallel environment of PettingZoo, for learners that others wrote.
+"""A scenario as a parallel environment of PettingZoo, for other people's learners.
 
-A time step is one `step`, or two where somebody chooses COORDINATE: then nobody moves yet, who
-asked sees what was perceived, and in the second half chooses a move; the others repeat the move
-that they chose, which is all that their mask allows. World, draws, links, the drawn peer and the
-percept model are those of `core`: the same seed and the same choices bring the same states,
-percepts and rewards.
+A time step is one `step`, or two if a robot chooses COORDINATE. In the first half no robot moves:
+the robots that asked observe their answers. In the second half they choose their moves, and the
+other robots repeat their choice, the only action that their mask allows. World, draws, links, the
+drawn peer and the perception model are those of `core`: the same seed and the same choices give
+the same states, answers and rewards.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class SparseCoordEnv(ParallelEnv):
     allowed: north, south, east, west, COORDINATE.
 
     Rewards are R_k(t), and on arrival all that the goal pays from then on. So the discounted sum
-    over an episode is the reward of `evaluate`. An agent that has arrived stays until the episode
+    over an episode is the return of `evaluate`. An agent that has arrived stays until the episode
     ends, and still pays r^C of miscoordinations. It waits: its mask allows action 0 alone, and
     its action is ignored. When all have arrived they are terminated; when the steps are used up
     all are truncated.
@@ -78,7 +78,7 @@ class SparseCoordEnv(ParallelEnv):
     between), `arrived`, `reward_parts` (individual, common, ask_cost) and `miscoordination`.
 
     Raises:
-        ScenarioError: there is no such scenario.
+        ScenarioError: the scenario does not exist.
         SettingError: a bad value of `phase` or `render_mode`.
     """
 
@@ -143,7 +143,7 @@ class SparseCoordEnv(ParallelEnv):
 
         Args:
             seed: begins a new run with this seed, at time step 1; None: the next episode of the
-                run, or at first a run with a seed that nobody chose.
+                run, or at first a run with a random seed.
             options: none are known.
         """
         if seed is not None or self._world is None:
@@ -188,7 +188,7 @@ class SparseCoordEnv(ParallelEnv):
         """Make a time step, or half of one; a missing action means that the agent does not act.
 
         Raises:
-            SettingError: an action is none, or not allowed by its mask.
+            SettingError: a value is no action, or the mask does not allow it.
         """
         world = self._running()
         if not isinstance(actions, Mapping):
@@ -215,7 +215,7 @@ class SparseCoordEnv(ParallelEnv):
         return observations, *results
 
     def _first_half(self, world: World, chosen: dict[int, int]) -> StepOutcome:
-        """Let the robots ask that chose COORDINATE; so far nothing is paid."""
+        """Let the robots that chose COORDINATE ask; the first half of a step pays nothing."""
         self._chosen = chosen
         self._ask(world, [k for k, action in chosen.items() if action == COORDINATE])
         return StepOutcome((NO_REWARD,) * len(self.possible_agents), False, (), False)
@@ -254,7 +254,7 @@ class SparseCoordEnv(ParallelEnv):
             self._seen[k] = cells if cells and all(map(sees, cells)) else None
 
     def _action(self, k: int, chosen: Mapping[int, int]) -> Action | None:
-        """Return what robot k does; None: nothing."""
+        """Return robot k's action; None if it does not act."""
         if k not in chosen:
             return None
         peers = self._asked.get(k, ())

@@ -49,8 +49,8 @@ class VectorGame(VectorEnv):
 
     Args:
         scenario: a scenario, a shipped one's name, or a scenario file's path.
-        games: how many games there are.
-        seed: seed of game 0 of the first run; None: one that nobody chose.
+        games: number of games.
+        seed: seed of game 0 of the first run; None: a random seed.
         asking: how robots ask.
 
             - "half_steps": as in the paper. Actions are 0 north, 1 south, 2 east, 3 west and
@@ -80,7 +80,7 @@ class VectorGame(VectorEnv):
       and its action is ignored.
 
     Rewards are float64, shape (games, robots): R_k(t), and on arrival all that the goal pays from
-    then on. So the discounted sum over an episode is the reward of `evaluate`. A robot that has
+    then on. So the discounted sum over an episode is the return of `evaluate`. A robot that has
     arrived still pays r^C of miscoordinations. A learner must not discount between the halves of
     a time step. A game is terminated when all its robots have arrived, and truncated when its
     steps are used up: bool, shape (games,).
@@ -91,15 +91,15 @@ class VectorGame(VectorEnv):
 
     Attributes:
         scenario: the scenario.
-        num_envs: how many games there are.
+        num_envs: number of games.
         robots: the robots' names.
-        actions: how many actions a robot has.
-        column_sizes: how many values each column of `observation` can have.
+        actions: number of actions of a robot.
+        column_sizes: number of values that each column of `observation` can have.
         discount: gamma.
         autoreset: as given.
 
     Raises:
-        ScenarioError: there is no such scenario.
+        ScenarioError: the scenario does not exist.
         SettingError: a bad value of another argument.
     """
 
@@ -136,7 +136,7 @@ class VectorGame(VectorEnv):
         self._begun = False
         self._everywhere = np.ones(self.num_envs, dtype=np.bool_)
         self._everywhere.flags.writeable = False
-        # What robots observed last: the learner may change what it was given.
+        # A copy of the last observations: the learner may change the arrays that it received.
         self._masks = many_games.new_observations(self._games).action_mask
         self._final = many_games.new_observations(self._games)
         self._final_infos = many_games.new_infos(self._games)
@@ -145,7 +145,7 @@ class VectorGame(VectorEnv):
             self._declare_spaces()
 
     def _declare_spaces(self) -> None:
-        """Say in gymnasium's words what robots observe and do."""
+        """Declare the observation and action spaces of gymnasium."""
         team = len(self.robots)
         columns = np.array([self.column_sizes] * team)
         self.metadata["autoreset_mode"] = AutoresetMode[self.autoreset.upper()]
@@ -185,7 +185,7 @@ class VectorGame(VectorEnv):
 
         Raises:
             SettingError: a bad seed or mask.
-            RunError: only some games are to begin, and others never have.
+            RunError: `reset_mask` leaves out a game that has not begun yet.
         """
         which = self._checked_mask(options)
         if seed is not None:
@@ -198,13 +198,13 @@ class VectorGame(VectorEnv):
         return self._observed(shown), self._told(infos, which)
 
     def _first_seed(self) -> int:
-        """Return the seed of the constructor, or one that nobody chose."""
+        """Return the seed of the constructor, or a random one."""
         if self._seed is not None:
             return self._seed
         return int(np.random.SeedSequence().generate_state(1)[0])
 
     def _begin_runs(self, seed: int, which: np.ndarray) -> None:
-        """Let some games be at the beginning of their runs."""
+        """Put some games at the beginning of their runs."""
         for i in np.flatnonzero(which).tolist():
             many_games.seed_one(self._games, i, self.scenario, seed + i, self._phase)
 
@@ -231,14 +231,14 @@ class VectorGame(VectorEnv):
         """Make a time step of each game, or half of one.
 
         Args:
-            actions: what each robot does, whole numbers, shape (games, robots).
+            actions: the action of each robot, whole numbers, shape (games, robots).
 
         Returns:
             Observations, rewards, terminations, truncations, infos.
 
         Raises:
-            SettingError: an action is none, or not allowed by its mask.
-            RunError: there is no episode: reset comes first.
+            SettingError: a value is no action, or the mask does not allow it.
+            RunError: `reset` was not called.
         """
         chosen = self._checked_actions(actions)
         shown, outcome, infos = self._rooms()
@@ -259,7 +259,7 @@ class VectorGame(VectorEnv):
         return self._observed(shown), *outcome, told
 
     def _checked_actions(self, actions: np.ndarray) -> np.ndarray:
-        """Return the actions as the loops take them."""
+        """Return the actions as an array for the loops."""
         games = self._games
         if not self._begun:
             raise RunError("the environment has no episodes yet; call reset first")
@@ -285,7 +285,7 @@ class VectorGame(VectorEnv):
     def _rooms(
         self,
     ) -> tuple[many_games.Observations, many_games.Outcome, many_games.Infos]:
-        """Return new arrays for what a call returns."""
+        """Return new arrays for the results of a call."""
         games = self._games
         return (
             many_games.new_observations(games),
@@ -294,18 +294,18 @@ class VectorGame(VectorEnv):
         )
 
     def _observed(self, shown: many_games.Observations) -> dict[str, np.ndarray]:
-        """Return observations as a dict; their masks are what the next actions must fit."""
+        """Return observations as a dict, and keep their masks to check the next actions."""
         self._masks[:] = shown.action_mask
         return shown._asdict()
 
     def _told(self, infos: many_games.Infos, which: np.ndarray) -> dict[str, Any]:
-        """Return infos as a dict, with the games that each holds for."""
+        """Return infos as a dict; `_name` entries say for which games a value holds."""
         told: dict[str, Any] = infos._asdict()
         told.update({f"_{name}": which for name in infos._fields})
         return told
 
     def _told_of_ends(self, ended: np.ndarray) -> dict[str, Any]:
-        """Return the infos on games that ended and began anew in the same step."""
+        """Return the infos of games that ended and began anew in the same step."""
         if not ended.any():
             return {}
         observed = np.full(self.num_envs, None, dtype=object)

@@ -1,11 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the launch files start: a team, its bodies, or what drives them; needs launch and ROS.
+"""Launch descriptions of a team, its bodies, or their drivers; needs launch and ROS.
 
-A launch is a guest in the user's system: what is nearer to the user wins (an argument over the
-parameter file, also where it names the default), a misspelt value ends it in one line, a misspelt
-name gets a warning, and nodes go into the namespace in which the launch file was included. A team
-that fails ends alone.
+A launch is a guest in the user's system. An argument wins over the parameter file, also if it
+equals the default. A misspelt value ends the launch in one line; a misspelt name gets a warning.
+Nodes go into the namespace in which the launch file was included. A team that fails ends alone.
 """
 
 import sys
@@ -127,13 +126,13 @@ def described(
     Args:
         file: the launch file.
         arguments: by name; one without a default (None) must be given.
-        launch: returns what the launch does, from the texts of the arguments that are given and
-            the context. What is not given, the parameter file may say.
+        launch: returns the launch's actions, from the texts of the given arguments and the
+            context. The parameter file may set the other arguments.
     """
     given: dict[str, str] = {}
 
     def keep_given(context: LaunchContext) -> None:
-        """Keep what is given before the defaults are filled in."""
+        """Keep the given arguments before the defaults are filled in."""
         found = context.launch_configurations
         given.update({name: found[name] for name in arguments if found.get(name)})
 
@@ -186,11 +185,11 @@ class LaunchedTeam:
         context: of the launch.
 
     Attributes:
-        given: the arguments that are given, typed.
-        scenario: what is learned.
+        given: the given arguments, typed.
+        scenario: the scenario.
         own_clock: whether the team publishes the topic `clock` of its namespace.
-        sim_time: whether the nodes' ROS clocks follow it, or /clock where it is not the team's.
-        actions: what the launch is to do.
+        sim_time: whether the nodes' ROS clocks follow it, or /clock if it is not the team's.
+        actions: the launch's actions.
 
     Raises:
         SparseCoordError: a bad argument, an output directory that exists.
@@ -242,7 +241,7 @@ class LaunchedTeam:
         return self.given.get(name, self._arguments[name].default)
 
     def of_world(self, name: str) -> Any:
-        """Return an argument, else what the parameter file says of the world, else its default."""
+        """Return an argument, else the world's value in the parameter file, else its default."""
         return self.given.get(name, self._in_file.get(name, self.get(name)))
 
     def of(self, names: Iterable[str]) -> dict[str, Any]:
@@ -258,7 +257,7 @@ class LaunchedTeam:
         """Add world, robots and recorder.
 
         Args:
-            more: further parameters of the world; what the argument `set` says wins.
+            more: further parameters of the world; the argument `set` wins over them.
         """
         own = {"out": self._out, **self._resume}
         world = {name: self.of_world(name) for name in ("scenario", "clock")}
@@ -276,13 +275,13 @@ class LaunchedTeam:
         name: str = "",
         remapped: Iterable = (),
     ) -> list[Any]:
-        """Add a node of the team, and return what the launch does for it.
+        """Add a node of the team, and return its launch action.
 
         Args:
             executable: of this package.
             values: its parameters.
-            name: what it is called; empty: as its executable.
-            remapped: further names of topics and what they are called instead.
+            name: its name; empty: its executable's name.
+            remapped: further names of topics and their new names.
         """
         file = self.get("params_file")
         parameters: list[Any] = [file] if file else []

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Doorways, rooms and shortest ways of a map, for words about where robots are.
+"""Doorways, rooms and shortest paths of a map, to describe robots' positions.
 
 A doorway is here a largest set of doorway cells beside each other. A room is a largest set of
 other cells with ways between them that lead through no doorway.
@@ -20,13 +20,13 @@ KEPT_BYTES = 20_000_000
 
 
 class Doorways:
-    """Doorways, rooms and shortest ways of a map.
+    """Doorways, rooms and shortest paths of a map.
 
     Args:
         grid: the map.
 
     Attributes:
-        count: how many doorways there are.
+        count: number of doorways.
         of: number of the doorway of each cell, from 0; -1 outside of doorways; shape (cells,).
         room: number of the room of each cell, from 0; -1 inside of doorways; shape (cells,).
         near: of each doorway the cells at most one move away, its own included, ascending.
@@ -79,7 +79,7 @@ class Doorways:
         return moves_to(self._grid.next_cell, cell, closed).astype(np.int32)
 
     def is_between(self, door: int, cell: int, moves: np.ndarray) -> bool:
-        """Whether a doorway is on a shortest way.
+        """True if a doorway is on a shortest path.
 
         Args:
             door: the doorway.
@@ -135,7 +135,7 @@ class Doorways:
         return "on another side" if sides > 2 else "on the other side"
 
     def behind_another(self, door: int, cell: int, other: int) -> bool:
-        """Whether a cell is on the other side of another doorway of the same room."""
+        """True if a cell is on the other side of another doorway of the same room."""
         rooms = self.room[cell], self.room[other]
         moves = self.moves_to(cell)[other]
         passed = self._through(cell, other) == moves

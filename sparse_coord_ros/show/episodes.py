@@ -47,10 +47,10 @@ class Episode:
 
 
 def episode_number(text: str) -> int | str:
-    """Return what `--episode` says: a number from 0, LAST, BEST or BUSIEST.
+    """Return the value of `--episode`: a number from 0, LAST, BEST or BUSIEST.
 
     Raises:
-        RunError: none of these.
+        RunError: any other text.
     """
     if text in (LAST, BEST, BUSIEST):
         return text
@@ -67,12 +67,12 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
 
     Args:
         log: the log.
-        wanted: its number; LAST: the last whole one; BEST: of those from the scenario's own starts
-            (of all, where there is none) in which all arrive, the one of the highest reward, then
-            the shortest, then the latest; BUSIEST: the same by the number of questions.
+        wanted: its number; LAST: the last whole one; BEST: the one with the highest return, then
+            the shortest, then the latest, among those from the scenario's own starts (else among
+            all) in which all arrive; BUSIEST: the same by the number of questions.
 
     Raises:
-        RunError: there is no such episode.
+        RunError: the episode does not exist.
     """
     history = log.history()
     if not history.episodes:
@@ -104,11 +104,11 @@ def played_episode(
         tables: of every robot.
         wanted: its number, below `PLAYED`, or what `logged_episode` takes.
         seed: of its draws.
-        learner: whose greedy policy acts; None: the one that the tables are for.
+        learner: the learner whose greedy policy acts; None: that of the tables.
 
     Raises:
         TablesError: the tables do not fit the scenario.
-        RunError: there is no such episode.
+        RunError: the episode does not exist.
     """
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
@@ -142,8 +142,8 @@ def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> 
     Args:
         wanted: as of `logged_episode`.
         history: the episodes.
-        own: which of them began at the scenario's starts, shape (episodes,), bool.
-        where: what to call their source in an error.
+        own: whether each began at the scenario's starts, shape (episodes,), bool.
+        where: name of their source in an error.
     """
     count = history.episodes
     if isinstance(wanted, int):
@@ -160,9 +160,9 @@ def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> 
     among = (
         np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
     )
-    reward = history.reward.sum(axis=1)
+    returns = history.returns.sum(axis=1)
     asks = history.asks.sum(axis=1)
-    keys = (among, -history.length[among], reward[among])
+    keys = (among, -history.length[among], returns[among])
     return int(
         among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]]
     )

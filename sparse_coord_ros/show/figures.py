@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of runs: policies and ask maps, learning curves, what Q^C holds, how percepts ended."""
+"""Pictures of runs: policies, ask maps, learning curves, values of Q^C, outcomes of percepts."""
 
 import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -86,7 +86,7 @@ HATCHES = {"answered": "", "refused": "////", "failed": "xx"}
 
 CURVES: Mapping[str, str] = {
     "length": "steps of an episode",
-    "reward": "reward of a robot\n(undiscounted)",
+    "returns": "return of a robot\n(undiscounted)",
     "miscoordinations": "miscoordinations\nof an episode",
     "asks": "COORDINATE of a robot\nin an episode",
 }
@@ -138,7 +138,7 @@ def runs_figure(runs: Sequence[OpenedRun], whats: Sequence[str]) -> Figure:
         whats: of `WHATS`, in the order in which they are to appear.
 
     Raises:
-        SparseCoordError: a run lacks what is to be drawn.
+        SparseCoordError: a run lacks data to draw.
     """
     lines = _balanced([group for what in whats for group in _groups(what, runs)])
     heights = [max(panel.height for panel in line) for line in lines]
@@ -167,7 +167,7 @@ def _draw_line(part: SubFigure, line: Sequence[Panel], width: float) -> None:
 
 
 def available(shown: OpenedRun) -> list[str]:
-    """Return what can be drawn of a run: of `WHATS`."""
+    """Return the possible figures of a run, of `WHATS`."""
     learned = shown.has("tables")
     asking = learned and shown.asks
     there = {
@@ -181,7 +181,7 @@ def available(shown: OpenedRun) -> list[str]:
 
 
 def names_of(runs: Sequence[OpenedRun]) -> list[str]:
-    """Return what to call runs: by the scenario if there is one only, else by name or path."""
+    """Return the names of runs: the scenario of a single run, else name or path."""
     if len(runs) == 1:
         return [literal(runs[0].config.scenario.name)]
     names = [literal(run.name) for run in runs]
@@ -193,7 +193,7 @@ def names_of(runs: Sequence[OpenedRun]) -> list[str]:
 
 
 def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
-    """Return what to draw: names between commas; where None, all that there is of every run.
+    """Return the figures to draw, from names between commas; None: all that every run has.
 
     Raises:
         SettingError: an unknown name.
@@ -203,10 +203,8 @@ def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
         there = [available(run) for run in runs]
         found = [what for what in WHATS if all(what in whats for whats in there)]
         if not found:
-            _ = [run.tables for run in runs]  # says what is missing
-            raise SettingError(
-                "these runs have nothing in common that could be drawn; plot one"
-            )
+            _ = [run.tables for run in runs]  # raises an error if tables are missing
+            raise SettingError("these runs have no plot in common; plot one run")
         return found
     whats = [part.strip() for part in text.split(",")]
     for what in [one for one in whats if one not in WHATS]:
@@ -255,7 +253,7 @@ def _balanced(groups: Sequence[list[Panel]]) -> list[list[Panel]]:
 
 
 def _lines(groups: Iterable[list[Panel]], width: float) -> list[list[Panel]]:
-    """Break panels into lines that are no wider, if no panel is.
+    """Break panels into lines of at most that width, unless one panel is wider.
 
     A group stays together unless it is wider than a line.
     """
@@ -302,7 +300,7 @@ def _panel_width(shown: OpenedRun, longest: float) -> float:
 def _put_title(
     shown: OpenedRun, longest: float, title: str, points: int, axes: Axes
 ) -> None:
-    """Set the title of a map, in lines that are no longer than its panel is wide."""
+    """Set the title of a map, in lines that fit into its panel."""
     letters = int(_panel_width(shown, longest) * LETTERS / points)
     axes.set_title(fill(title, letters), fontsize=points)
 
@@ -334,7 +332,7 @@ def _draw_policy(
 ) -> None:
     """Draw robots' greedy moves as arrows and where they ask as rings.
 
-    What lies where a robot never gets to in greedy episodes is pale. The arrows of every second
+    Cells that a robot never reaches in greedy episodes are pale. The arrows of every second
     robot are hollow and its rings dashed: in greyscale its colour may be another one's, pale.
     """
     scenario = shown.config.scenario
@@ -458,7 +456,7 @@ def _draw_scale(
     else:
         share = min(1.0, LONGEST_SCALE / height)
         place = (1.0 + thick / width, 0.5 - share / 2, thick / width, share)
-        # the map in the middle of what the scale leaves of the panel
+        # the map in the middle of the panel, beside the scale
         rest = max(0.3, LEAST_PANEL_WIDTH - width)
         axes.set_anchor((rest / 2 / (rest + SCALE_SIZE), 0.5))
     axes.figure.colorbar(
@@ -518,11 +516,11 @@ def _draw_curve(
 ) -> None:
     """Draw a learning curve: each episode as a dot (of a single run), and running means.
 
-    Of a single run reward and asks have a line a robot.
+    Return and questions of a single run have a line for each robot.
     """
     lines: list[tuple[OpenedRun, int | None]] = [(shown, None) for shown in runs]
     if len(runs) == 1:
-        if name in ("reward", "asks") and len(_names(runs[0])) > 1:
+        if name in ("returns", "asks") and len(_names(runs[0])) > 1:
             labels = _names(runs[0])
             lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:

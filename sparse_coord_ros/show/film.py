@@ -55,9 +55,9 @@ def film(
 
     Args:
         scenario: the problem.
-        episode: what happened.
-        title: what stands above it.
-        rate: time steps a second.
+        episode: the episode.
+        title: the title above the picture.
+        rate: time steps per second.
     """
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
@@ -174,7 +174,7 @@ class EpisodePictures:
             artist.remove()
 
     def _standing(self, step: int) -> np.ndarray:
-        """Return where the robots stand, shape (robots, 2); side by side in one cell."""
+        """Return the robots' positions, shape (robots, 2); side by side in one cell."""
         cells = self._cells[step].tolist()
         places: np.ndarray = self._places[cells]
         for k, cell in enumerate(cells):
@@ -237,9 +237,9 @@ class EpisodePictures:
             yield line
 
     def _sign(self, ask: Question, places: np.ndarray) -> Iterator[Artist]:
-        """Yield the sign of how a question ended: nearer to the asked robot.
+        """Yield the sign of a question's outcome, nearer to the asked robot.
 
-        Of a question to several it is beside the asker, once: one on each line would hide robots.
+        A question to several robots has one sign, beside the asker: more would hide robots.
         """
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
         x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]

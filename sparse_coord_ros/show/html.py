@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages of one HTML file without scripts, made by `templates/report.html.j2` of sections.
 
-A section is a heading and its parts: what `text`, `table`, `code` and `picture` return. Whatever
-text comes from outside is escaped.
+A section is a heading and its parts: results of `text`, `table`, `code` and `picture`. Text from
+outside is escaped.
 """
 
 import base64

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What RViz and Foxglove show of a team: the shipped files, for its robots and namespace."""
+"""Layouts of RViz and Foxglove for a team: the shipped files, for its robots and namespace."""
 
 import json
 from collections.abc import Sequence

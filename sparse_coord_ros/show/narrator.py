@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where robots are and what they do, in words: by the doorways, and by moves on shortest ways.
+"""Positions and actions of robots in words: relative to doorways and shortest paths.
 
 Doorways are those of `show.doorways`: a passage of doorway cells is one doorway.
 """
@@ -26,7 +26,7 @@ ENDED = {
 
 
 class Narrator:
-    """Says where the robots of one scenario are and what they do.
+    """Describes positions and actions of the robots of one scenario.
 
     Args:
         scenario: the problem.
@@ -52,7 +52,7 @@ class Narrator:
         return f"in cell {cell} [{row}, {column}]"
 
     def past(self, robot: int, cell: int, door: int) -> bool:
-        """Whether a robot has a doorway behind it.
+        """True if a robot has a doorway behind it.
 
         The doorway is on a shortest way from the robot's start to its cell, and on none from
         there to its goal.
@@ -63,7 +63,7 @@ class Narrator:
     def where(
         self, robot: int, cell: int, toward: int | None = None
     ) -> tuple[str, int | None]:
-        """Return where a robot is, in words, and the number of the doorway that they refer to.
+        """Return a robot's position in words, and the number of the doorway in them.
 
         That is the doorway in which the robot is. Outside of doorways it is the next one on a
         shortest way to the goal; of several at the same distance, the one that the robot enters.
@@ -100,7 +100,7 @@ class Narrator:
     def seen_from(
         self, robot: int, cell: int, door: int | None, peer: int, at: int
     ) -> str:
-        """Return where a peer is, as seen from a robot.
+        """Return a peer's position in words, as seen from a robot.
 
         Args:
             robot: the robot that asks, from 0.
@@ -164,7 +164,7 @@ class Narrator:
         return "" if peer_way & own_way else f"behind {self.names[robot]}"
 
     def does(self, robot: int, cell: int, move: int, after: int | None) -> str:
-        """Return what a robot does, and whether it comes closer to its goal.
+        """Return a robot's action in words, and whether it comes closer to its goal.
 
         Args:
             robot: the robot.
@@ -193,7 +193,7 @@ class Narrator:
     def answer(
         self, robot: int, cell: int, door: int | None, seen: Sequence[tuple[int, int]]
     ) -> str:
-        """Return where other robots are; of several those that are close, or the closest.
+        """Return other robots' positions in words: of all close ones, or of the closest.
 
         Args:
             robot: the robot that asks.
@@ -213,7 +213,7 @@ class Narrator:
         )
 
     def _is_close(self, at: int, door: int | None, moves: np.ndarray) -> bool:
-        """Whether a cell is in a doorway or beside it, or as close to the robot that asks."""
+        """True if a cell is in a doorway or beside it, or as close to the robot that asks."""
         return bool(
             moves[at] <= 1 or (door is not None and at in self.doorways.near[door])
         )

@@ -93,7 +93,7 @@ def paths_figure(run: RunConfig, driven: Drive) -> Figure:
 
     Args:
         run: the run.
-        driven: what came of the drive.
+        driven: the results of the drive.
     """
     scenario = run.scenario
     episodes = 1 + max((moment.episode for moment in driven.team.path), default=0)

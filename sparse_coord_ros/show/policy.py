@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot's tables say it does: its greedy moves, where it asks, what Q^C holds."""
+"""The greedy policy in a robot's tables: its moves, its questions, the values of Q^C."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

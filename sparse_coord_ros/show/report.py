@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML report of a run: what was learned, its value, what went wrong."""
+"""The HTML report of a run: its learned policy, its value, its faults."""
 
 import contextlib
 import shlex
@@ -36,8 +36,8 @@ WARNING_LEVEL = 30
 """Level of a warning in rcl_interfaces/Log."""
 
 RUN_CAPTIONS = {
-    "policy": "Greedy moves in the cells where the robot has learned. A ring: it asks there "
-    "before it moves. Pale: it never gets there in greedy episodes.",
+    "policy": "Greedy moves in the cells where the robot has learned. Ring: it asks there "
+    "before it moves. Pale: it never visits that cell in greedy episodes.",
     "asks": f"Where robots ask in {PLAYED_EPISODES} greedy episodes from the scenario's starts.",
     "sparsity": "How much of Q^C was ever learned, by the robot's own cell.",
     "curves": "Learning curves: each dot an episode, each line a running mean.",
@@ -53,12 +53,12 @@ def run_report(shown: OpenedRun, *, baselines: bool = True) -> str:
         baselines: whether to let Indiv. and Non-coop. learn the same, to compare.
 
     Raises:
-        SparseCoordError: it is no run.
+        SparseCoordError: the source is no run.
     """
     config = shown.config
     scenario = shown.config.scenario
     sections: dict[str, Iterable[Part]] = {"": _begin(shown)}
-    sections["The value of the team"] = _value(shown, baselines)
+    sections["The return of the team"] = _value(shown, baselines)
     sections["What was learned"] = _learned(shown)
     if shown.bag is not None:
         sections["Some questions and answers"] = _dialogue(shown)
@@ -110,7 +110,7 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
         yield text(words, warn=True)
     paths = shortest_path_reference(scenario)
     measures = (
-        paths.measure_in_words("reward"),
+        paths.measure_in_words("returns"),
         paths.measure_in_words("time_to_goal"),
         paths.measure_in_words("miscoordinations", 3),
     )
@@ -118,10 +118,11 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
     rows.append(["fixed shortest paths", *measures, "0", arrive])
     rows += [[name, f"{value:.2f}", *"----"] for name, value in yardsticks(scenario)]
     yield table(
-        ["", "reward", "time to goal", "miscoordinations", "asks", "all arrive"], rows
+        ["", "return", "time to goal", "miscoordinations", "asks", "all arrive"], rows
     )
     yield text(
-        "Total discounted reward a robot, steps to the goal, miscoordinations of an episode, asks "
+        "Return of a robot (total discounted reward of an episode), steps to the goal, "
+        "miscoordinations of an episode, asks "
         "of a robot; ± is the spread over robots and episodes, s.e. the standard error of a mean "
         "of trials. Best asking team found: the best result of a search among robots that learn "
         "each other's position only by asking. Joint optimum: one controller sees all robots all "
@@ -131,7 +132,7 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
 
 def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     """Return the row of a team."""
-    spread = [(found.reward, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
+    spread = [(found.returns, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
     measures = [with_spread(one, digits) for one, digits in spread]
     measures += [f"{found.asks.mean:.2f}", f"{found.all_arrived:.2%}"]
     return [f"{name}, {found.how}", *measures]
@@ -152,14 +153,15 @@ def _dialogue(shown: OpenedRun) -> Iterator[Part]:
     log = shown.with_requests({step for _, step in samples})
     if shown.config.known_rule is None:
         yield text(
-            "Without its learner's code: what was asked and answered, not why.",
+            "The learner's code was not imported: questions and answers are shown, their "
+            "reasons are not.",
             warn=True,
         )
     told: list[Coordination] = []
     for k in range(len(log.names)):
         told += explained(log, k, [step for robot, step in samples if robot == k])
     if not told:
-        yield text("Nobody asked anything that the log can tell of.")
+        yield text("The log holds no question.")
     for one in sorted(told, key=lambda one: (one.step, one.robot)):
         yield code("\n".join(in_words(log, one)))
 
@@ -173,7 +175,7 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
 
 
 def faults(shown: OpenedRun) -> Iterator[Part]:
-    """Yield what went wrong in a recorded run: percepts, messages, warnings of nodes."""
+    """Yield the faults of a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
         f"percepts {how}": at.sum() for how, at in ended(log).items()
@@ -181,18 +183,16 @@ def faults(shown: OpenedRun) -> Iterator[Part]:
     if log.messages.statuses:
         last = log.messages.statuses[-1]
         facts |= {"state at the end": last.state, "transitions": last.transitions}
-        facts["steps that the world made without a robot"] = last.left_out
-    facts["odd messages among those read"] = len(log.problems)
+        facts["time steps that the world made without a robot"] = last.left_out
+    facts["unusual messages"] = len(log.problems)
     yield table((), list(facts.items()))
     for problem in log.problems[:MOST_WARNINGS]:
         yield text(str(problem), warn=True)
     said = [one for one in log.messages.rosout if one.level >= WARNING_LEVEL]
     warnings = Counter(f"{one.name}: {one.msg}"[:300] for one in said)
     listed = table(["warning", "times"], list(warnings.items())[:MOST_WARNINGS])
-    yield listed if warnings else text("No node warned of anything.")
-    yield text(
-        "Whether the log is what it has to be, bit for bit, says 'sparse_coord verify'."
-    )
+    yield listed if warnings else text("No node logged a warning.")
+    yield text("'sparse_coord verify' checks the log bit for bit.")
 
 
 def _scenario(scenario: Scenario) -> Iterator[Part]:

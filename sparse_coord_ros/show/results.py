@@ -18,21 +18,21 @@ from sparse_coord_ros.studies.store import ConditionResult, Plan, Say, read_resu
 def results_figure(
     directory: Path, what: str | None = None, say: Say = lambda _: None
 ) -> tuple[str, Figure]:
-    """Draw something of a results directory.
+    """Draw a figure of a results directory.
 
     Args:
         directory: where it is.
         what: `conditions`, every one; `asks`, a map a scenario in which robots may ask, of the
             condition that `most_asking` returns; an experiment that is complete, or one of its
             figures; None: the first of these.
-        say: is told what is left out, and which condition a map shows.
+        say: receives notes on omissions, and on the condition that a map shows.
 
     Returns:
-        The name of what is drawn, and the figure.
+        The figure's name, and the figure.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a damaged one.
-        SettingError: there is no such thing to draw.
+        SettingError: unknown figure.
     """
     _, results = some_results(directory, say)
     known = drawn(results)
@@ -49,10 +49,10 @@ def results_figure(
 
 
 def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]]:
-    """Return what a results directory holds; errors as of `results_figure`."""
+    """Return the results in a directory; errors as of `results_figure`."""
     plan, results = read_results(directory, say)
     if not results:
-        remedy = "'sparse_coord reproduce' puts some there"
+        remedy = "'sparse_coord reproduce' writes results"
         raise ResultsError(f"{directory}: holds no result yet; {remedy}")
     return plan, results
 
@@ -65,7 +65,7 @@ def complete_experiments(results: Sequence[ConditionResult]) -> list[Experiment]
 
 
 def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResult]]:
-    """Return what can be drawn, by name, and the results that each drawing shows."""
+    """Return the possible figures by name, with the results that each one shows."""
     by_id = {one.id: one for one in results}
     found = {"conditions": list(results)}
     for one in complete_experiments(results):

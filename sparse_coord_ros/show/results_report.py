@@ -37,10 +37,11 @@ from sparse_coord_ros.studies.report.text import (
 from sparse_coord_ros.studies.store import ConditionResult, Plan, Say
 
 RESULT_CAPTIONS = {
-    "conditions": "Learners against the first setting in which the conditions differ, beside what "
-    "they are to be compared with. Bars are standard errors of the mean over the learning runs.",
-    "asks": "Where robots ask: the darker a cell, the more often COORDINATE is chosen there. Of "
-    "each scenario that condition of the hardest penalty in which they ask most. S: starts, G: "
+    "conditions": "Learners against the first setting in which the conditions differ, beside "
+    "reference values. Bars are standard errors of the mean over the learning runs.",
+    "asks": "Where robots ask: the darker a cell, the more often COORDINATE is chosen there. "
+    "For each scenario: the condition with the most questions at the largest penalty. S: "
+    "starts, G: "
     "goals.",
 }
 
@@ -49,8 +50,8 @@ def results_report(directory: Path, say: Say = lambda _: None) -> str:
     """Return the page of a results directory.
 
     Args:
-        directory: where it is.
-        say: hears what is left out, and what takes a while.
+        directory: the results directory.
+        say: receives notes on omissions and on slow work.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a damaged one.
@@ -109,11 +110,13 @@ def _count(number: int, thing: str) -> str:
 
 def _findings(found: Findings) -> Iterator[Part]:
     yield text(
-        'What is claimed, what was measured, and in how many cases the two agree. "Surely": by '
+        'Claims, measurements, and in how many cases both agree. "Surely": by '
         f"more than {AGREE:g} standard errors."
     )
     if found.plan.runs == 1:
-        yield text("A single run has no standard error: nothing is judged.", warn=True)
+        yield text(
+            "A single run has no standard error, so claims are not judged.", warn=True
+        )
     yield _table(found.claims, words=True)
 
 
@@ -144,7 +147,7 @@ def _conditions_table(results: Iterable[ConditionResult]) -> Part:
     rows = [
         {
             "condition": one.id,
-            "reward (s.e.)": with_error(one.best("reward")),
+            "return (s.e.)": with_error(one.best("returns")),
             "time to goal": f"{one.best('time_to_goal').mean:.2f}",
             "miscoordinations": f"{one.best('miscoordinations').mean:.3f}",
             "asks": f"{one.best('asks').mean:.2f}",

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be shown: a run's directory or a bag, opened into one object."""
+"""Sources to show: a run's directory or a bag, opened into one object."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class OpenedRun:
 
     @property
     def name(self) -> str:
-        """What to call it in a legend."""
+        """Its name in a legend."""
         place = self.path.resolve()
         return (
             place.parent.name
@@ -64,7 +64,7 @@ class OpenedRun:
 
     @cached_property
     def config(self) -> RunConfig:
-        """What the run is; errors as of `load_run` and `read_run`."""
+        """The run's configuration; errors as of `load_run` and `read_run`."""
         return (
             self.recording.run if self.directory is None else load_run(self.directory)
         )
@@ -84,7 +84,7 @@ class OpenedRun:
 
     @cached_property
     def log(self) -> RunLog:
-        """The run's log: what robots saw, did and got, and what nodes said; no dialogue, no other.
+        """The run's log: states, actions, rewards and the nodes' messages, without the dialogue.
 
         Errors as of `recording`.
         """
@@ -124,7 +124,7 @@ class OpenedRun:
 
     @cached_property
     def history(self) -> History:
-        """What happened in each episode: from history.npz, else from the bag.
+        """The history of episodes: from history.npz, else from the bag.
 
         Raises:
             RunError: there is neither.
@@ -138,7 +138,7 @@ class OpenedRun:
 
     @cached_property
     def trials(self) -> Trials:
-        """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
+        """Greedy episodes of its tables, always the same ones; errors as of `tables`."""
         scenario = self.config.scenario
         tables = self.tables
         self.say(f"playing {PLAYED_EPISODES} greedy episodes")
@@ -155,7 +155,7 @@ class OpenedRun:
 
     @property
     def asks(self) -> bool:
-        """Whether its robots can ask; errors as of `tables`."""
+        """True if its robots can ask; errors as of `tables`."""
         return not np.isnan(self.tables[0].q_star[:, COORDINATE]).any()
 
     def has(self, what: str) -> bool:

@@ -40,7 +40,7 @@ class Question(NamedTuple):
 
     @property
     def outcome(self) -> str:
-        """How it is shown: ANSWERED, REFUSED or FAILED."""
+        """Its display: ANSWERED, REFUSED or FAILED."""
         return self.end.outcome
 
     def in_words(self, names: Sequence[str]) -> str:
@@ -53,7 +53,7 @@ class Question(NamedTuple):
 
 
 def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
-    """Return who asked whom at a time step.
+    """Return the questions of a time step, with asker and asked robot.
 
     Without a record of how a percept ended, no answer was late: all robots were in one process.
     """
@@ -71,9 +71,9 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
 
 
 def logged_step(log: RunLog, row: int) -> TeamTransition:
-    """Return a time step of a log, given by its row; None stands for missing values.
+    """Return a time step of a log, given by its row; None for missing values.
 
-    How a percept ended is as the robot recorded it; an unknown end counts as late.
+    The end of a percept is the one that the robot recorded; an unknown end counts as late.
     """
     said = zip(
         log.move[row], log.asked[row], log.peer[row], log.perceived[row], strict=True
@@ -125,7 +125,7 @@ def trails_of(
 
 
 def ended(log: RunLog) -> dict[str, np.ndarray]:
-    """Return where in a log, shape (T, K), bool, questions ended so, by each outcome."""
+    """Return masks of a log's questions, shape (T, K), bool, by outcome."""
     answered = log.asked & log.perceived
     refused = log.asked & (log.ended == PerceptEnd.REFUSED) & ~answered
     return {

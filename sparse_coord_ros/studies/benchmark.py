@@ -116,14 +116,14 @@ class Judged:
         scenario: its name, and the settings that the list changes.
         paths: what fixed shortest paths are worth.
         top: where the gap ends.
-        rewards: of each team, averaged over its robots.
+        returns: of each team, averaged over its robots.
         failed: teams in which some robot fails to arrive in more than one trial of a thousand.
     """
 
     scenario: str
     paths: float
     top: float
-    rewards: tuple[float, ...]
+    returns: tuple[float, ...]
     failed: int
 
 
@@ -158,13 +158,13 @@ class Place:
         Of buildings that stand for others it is a bootstrap over buildings, and teams in each; of
         other scenarios it is that of the teams.
         """
-        learned = [np.array(one.rewards) for one in self.judged]
+        learned = [np.array(one.returns) for one in self.judged]
         low = np.array([one.paths for one in self.judged])
         high = np.array([one.top for one in self.judged])
         found = pooled_share(learned, low, high)
         if self.list in SAMPLED:
             return found.mean, found.standard_error
-        errors = [standard_error(rewards) for rewards in learned]
+        errors = [standard_error(returns) for returns in learned]
         return found.mean, float(np.linalg.norm(errors) / (high - low).sum())
 
     @property
@@ -175,7 +175,7 @@ class Place:
     @property
     def teams(self) -> int:
         """Teams that learned."""
-        return sum(len(one.rewards) for one in self.judged)
+        return sum(len(one.returns) for one in self.judged)
 
     def row(self) -> dict[str, str]:
         """Return the place as a row of the leaderboard."""
@@ -263,7 +263,7 @@ class Leaderboard:
 def _plain(place: Place) -> dict[str, Any]:
     said = asdict(place)
     said["judged"] = [
-        {**one, "rewards": list(one["rewards"])} for one in said["judged"]
+        {**one, "returns": list(one["returns"])} for one in said["judged"]
     ]
     return said
 
@@ -282,7 +282,7 @@ def load_leaderboard(file: str | Path) -> Leaderboard:
             _place(one, f"places[{i}]") for i, one in enumerate(data["places"])
         )
     except DamagedError as error:
-        raise ResultsError(f"{path}: {error}; judge the learners again") from None
+        raise ResultsError(f"{path}: {error}; run the benchmark again") from None
     return Leaderboard(places, data["seed"], data["trials"], data["version"])
 
 
@@ -309,19 +309,19 @@ def _place(said: Any, where: str) -> Place:
     for number, one in enumerate(said["judged"]):
         place = f"{where}.judged[{number}]"
         teams = (
-            len(one["rewards"])
-            if isinstance(one, dict) and isinstance(one.get("rewards"), list)
+            len(one["returns"])
+            if isinstance(one, dict) and isinstance(one.get("returns"), list)
             else 0
         )
         form = {
             "scenario": str,
             "paths": NUMBER,
             "top": NUMBER,
-            "rewards": Numbers((teams,)),
+            "returns": Numbers((teams,)),
             "failed": Numbers(low=0, high=teams, whole=True),
         }
         check_form(one, form, place)
-        judged.append(Judged(**{**one, "rewards": tuple(one["rewards"])}))
+        judged.append(Judged(**{**one, "returns": tuple(one["returns"])}))
     return Place(**{**said, "judged": tuple(judged)})
 
 
@@ -373,8 +373,8 @@ def entry_of(given: "LearnerLike | Entry", settings: Mapping[str, object]) -> En
     unknown = [name for name in changed if name not in CHANGEABLE]
     if unknown:
         raise SettingError(
-            f"benchmark: with {', '.join(unknown)} another game would be played, whose bounds "
-            "nobody knows; change settings of learning only"
+            f"benchmark: with {', '.join(unknown)} another game would be played, and its "
+            "bounds are unknown; change settings of learning only"
         )
     if given.learner:
         chosen_learner(given.learner)
@@ -435,8 +435,8 @@ class Judge:
         )
         found = []
         for item, one in zip(items, results.values(), strict=True):
-            rewards = one.run_means("reward").tolist()
-            found.append(_judged(item, one.scenario, tuple(rewards), failed_teams(one)))
+            returns = one.run_means("returns").tolist()
+            found.append(_judged(item, one.scenario, tuple(returns), failed_teams(one)))
         return tuple(found)
 
     def _elsewhere(self, entry: Entry, items: Sequence[Item]) -> tuple[Judged, ...]:
@@ -455,9 +455,9 @@ class Judge:
             ]
             if not own:
                 return ()
-            rewards = tuple(one.reward.mean for one in own)
+            returns = tuple(one.returns.mean for one in own)
             failed = sum(one.all_arrived < ARRIVE for one in own)
-            found.append(_judged(item, scenario, rewards, failed))
+            found.append(_judged(item, scenario, returns, failed))
         return tuple(found)
 
     def _steps_to_90(
@@ -496,17 +496,17 @@ class Judge:
 
 
 def _judged(
-    item: Item, scenario: Scenario, rewards: tuple[float, ...], failed: int
+    item: Item, scenario: Scenario, returns: tuple[float, ...], failed: int
 ) -> Judged:
     top = known_top(scenario.with_settings({"perception": "always"}))
     if top is None:
         raise SettingError(
-            f"benchmark: of scenario {item.scenario} nobody knows where its gap ends; compute it "
+            f"benchmark: of scenario {item.scenario} the end of its gap is unknown; compute it "
             "by python -m tools.shipped bounds"
         )
     said = [f"{name}={as_text(value)}" for name, value in item.settings.items()]
-    paths = shortest_path_reference(scenario).reward
-    return Judged(", ".join([item.scenario, *said]), paths, top, rewards, failed)
+    paths = shortest_path_reference(scenario).returns
+    return Judged(", ".join([item.scenario, *said]), paths, top, returns, failed)
 
 
 def _scenario(item: Item) -> Scenario:
@@ -556,7 +556,7 @@ def benchmark(
         lists: names of lists (`studies.lists.LISTS`): paper, percepts, and generated buildings:
             "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
             with "validation", and with "unseen2" for closing figures.
-        steps: step budget of learning, in transitions.
+        steps: learning steps of each robot.
         out: results directory, as of `run_experiment`; None: nothing is saved.
         runs: teams that learn in each scenario.
         trials: greedy trials of a team; those of two robots are evaluated exactly.

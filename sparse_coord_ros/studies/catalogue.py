@@ -91,8 +91,8 @@ class Experiment:
     """One experiment.
 
     Attributes:
-        name: what `reproduce` calls it.
-        title: what it shows.
+        name: its name for `reproduce`.
+        title: its title.
         conditions: its conditions.
     """
 
@@ -189,7 +189,7 @@ def unseen_conditions(
     if known_best(made[0].scenario) is None:
         raise SettingError(
             f"benchmark: with {', '.join(sorted(settings.keys() - {'steps'}))} another game "
-            "would be played, whose bounds nobody knows; change settings of learning only"
+            "would be played, and its bounds are unknown; change settings of learning only"
         )
     return made
 
@@ -220,13 +220,13 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
     "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
     "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
-    "figure4": ("Figure 4: reward against the penalty", _figure4),
+    "figure4": ("Figure 4: return against the penalty", _figure4),
     "penalty100": (
-        "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
+        "Penalty -100, 10^5 steps: share of the gap that is closed",
         lambda: _every(PAYING_PAIRS, {"learner": REPORTED_LEARNERS}, LONG),
     ),
     "ask_cost": ("Cost of COORDINATE", _ask_cost),
-    "perception": ("Success of the percept", _perception),
+    "perception": ("How often questions are answered", _perception),
     "uneven": (
         "r^C that differs between the robots",
         lambda: _every(
@@ -235,12 +235,12 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
             LONG,
         ),
     ),
-    "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),
+    "crowd": ("More robots: asking one random peer, or all peers (footnote 3)", _crowd),
     "where": (
-        "Where in the map COORDINATE is chosen",
+        "Where on the map robots ask",
         lambda: _every(SMALL + LARGE, {"learner": ["coop"]}, LONG),
     ),
-    "unseen": ("Buildings that no search has seen", _unseen),
+    "unseen": ("Generated buildings", _unseen),
     "when": ("When robots should coordinate", _when),
 }
 

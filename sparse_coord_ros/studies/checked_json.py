@@ -3,7 +3,7 @@
 """JSON files of results: each says its format and carries a digest of all else that it says.
 
 The digest detects damage and careless editing. It is no signature: a person who computes it again
-can write any number. What a file says is therefore also compared with the form that it must have.
+can write any number. The content of a file is therefore also checked against its required form.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from sparse_coord_ros.base.errors import ResultsError, check_format, in_short
 from sparse_coord_ros.base.limits import RESULTS, read_file
 from sparse_coord_ros.core.game.specs import in_range
 
-RESULTS_FORMAT = 3
+RESULTS_FORMAT = 4
 """Number of the format of a results directory and its files."""
 
 LARGEST_FLOAT = sys.float_info.max
@@ -57,8 +57,8 @@ def read_checked(path: Path) -> dict[str, Any]:
     """Return the content of a file of `to_text`, without its format and its digest.
 
     Raises:
-        DamagedError: it is no such file, or its digest is not that of its content.
-        ResultsError: it cannot be opened, is too large, or is in another format.
+        DamagedError: it is no such file, or its digest does not fit its content.
+        ResultsError: it cannot be opened, is too large, or has another format.
     """
     text = read_file(path, RESULTS, ResultsError, "give a directory of results")
     try:

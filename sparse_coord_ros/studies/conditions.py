@@ -5,7 +5,7 @@
 A condition is named by an id such as `env1/coop/penalty=-20`. An id with a number after it,
 `env1/coop/penalty=-20/3`, is one learning run of it: the run with seed S + 3 in a batch with seed
 S. The scenario may be given as the path of a file; the condition's own id then has the scenario's
-name, which no shipped scenario may have. A learner of one's own is given as `module:Class`:
+name, which must not be a shipped scenario's. The user's own learner is given as `module:Class`:
 `env1/my_team:Team/penalty=-20`.
 """
 
@@ -85,7 +85,7 @@ def _read(path: str, *, shipped: bool) -> Scenario:
 
 
 def _is_known(name: str) -> bool:
-    """Whether a name is that of a shipped scenario or a generated building."""
+    """True if a name is that of a shipped scenario or a generated building."""
     return name in _shipped_names() or building(name) is not None
 
 

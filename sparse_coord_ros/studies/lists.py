@@ -88,7 +88,7 @@ def items_of(names: Sequence[str]) -> dict[str, tuple[Item, ...]]:
     """Return lists by their names.
 
     Raises:
-        SettingError: there is no such list.
+        SettingError: unknown list.
     """
     unknown = [name for name in names if name not in LISTS]
     if unknown or not names:

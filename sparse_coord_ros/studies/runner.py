@@ -102,7 +102,7 @@ class SingleRun(NamedTuple):
     directory: Path
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `reproduce --json` prints."""
+        """Return plain data, as `reproduce --json` prints it."""
         return {
             "id": self.condition.id,
             "seed": self.seed,
@@ -117,7 +117,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
     Attributes:
         plan: first seed, learning runs and trials.
-        targets: what was asked for.
+        targets: the requested targets.
         found: the results, by the conditions' ids.
         runs: the single runs that were asked for.
         swept: settings that are columns of data frames in any case.
@@ -130,7 +130,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
     swept: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Return what they are, and a line a condition."""
+        """Return a description with one line for each condition."""
         return shown_as(self._title, self._means)
 
     def _repr_html_(self) -> str:
@@ -138,7 +138,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         from sparse_coord_ros.studies.report.charts import embedded
 
         return shown_as(self._title, self._means, markup=True) + embedded(
-            self.plot(), "rewards"
+            self.plot(), "returns"
         )
 
     @property
@@ -154,7 +154,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
             columns[name] = [one.measure(name).mean for one in self.values()]
         return columns | {"arrived": [one.arrived for one in self.values()]}
 
-    def plot(self, x: str = "", measures: Sequence[str] = ("reward",)) -> "Figure":
+    def plot(self, x: str = "", measures: Sequence[str] = ("returns",)) -> "Figure":
         """Draw learners against a setting, beside their reference values.
 
         There is a panel for each combination of the other settings. Bars are standard errors of
@@ -162,11 +162,11 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
         Args:
             x: the setting; empty: the first that has several values.
-            measures: of `reward`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
-                robots alone) and `variance` (of the reward): a line of panels each.
+            measures: of `returns`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
+                robots alone) and `variance` (of the return): a line of panels each.
 
         Raises:
-            SettingError: `x` has one value only, or there is no such measure.
+            SettingError: `x` has only one value, or the measure is unknown.
         """
         from sparse_coord_ros.studies.report.figures import swept_figure
 
@@ -185,7 +185,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         return len(self.found)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `reproduce --json` prints."""
+        """Return plain data, as `reproduce --json` prints it."""
         data = {"conditions": [result.to_dict() for result in self.found.values()]}
         return data | (
             {"runs": [one.to_dict() for one in self.runs]} if self.runs else {}
@@ -195,7 +195,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         """Return a data frame: one row a condition, or one row a learning run.
 
         Its columns: `condition` (the id), `scenario`, `learner`, each setting that was swept or
-        that some condition names, `run` and `seed` where `by_run`, then the measures `reward`,
+        that some condition names, `run` and `seed` where `by_run`, then the measures `returns`,
         `time_to_goal`, `asks` (means over trials and robots) and `miscoordinations` (mean of a
         trial), each with `<measure>_low` and `<measure>_high`, the 95 % confidence interval of
         that mean, and `arrived` (share of the trials in which every robot arrived).
@@ -273,12 +273,12 @@ def run_experiment(
     progress: Progress = no_progress,
     say: Say = warn,
 ) -> ExperimentResults:
-    """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
+    """Compute experiments or single conditions; with `out`, save them, and resume an earlier call.
 
     Args:
         what: names of experiments (see `experiment_names`), or ids of conditions such as
             "env1/coop/penalty=-20,ask_cost=2": scenario, learner, changed settings.
-        out: results directory, as of `sparse_coord reproduce`; None: nothing is saved.
+        out: results directory, as of `sparse_coord reproduce`; None: do not save.
         runs: independent learning runs of a condition.
         trials: greedy trials of each run.
         seed: seed of run 0; run i has seed + i.
@@ -337,7 +337,7 @@ def run_experiment(
 def _as_list(
     what: str | Condition | Iterable[str | Condition],
 ) -> list[str | Condition]:
-    """Return what a call asks for as a list; raise `SettingError` if it is empty."""
+    """Return the targets of a call as a list; raise `SettingError` if it is empty."""
     given = isinstance(what, str | Condition | Iterable)
     check_argument(
         "what", what, given, "an experiment or a condition, or a list of them"
@@ -351,7 +351,7 @@ def _as_list(
 
 @dataclass(frozen=True)
 class Computing:
-    """How runs are computed; attributes as of `run_batch`."""
+    """Settings of the computation; attributes as of `run_batch`."""
 
     engine: str = "auto"
     jobs: int | None = None
@@ -366,13 +366,13 @@ def compute(
     results: Results | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, ConditionResult]:
-    """Return every condition's result; compute (and save) those that are not there yet.
+    """Return every condition's result; compute (and save) missing ones.
 
     Args:
         conditions: the conditions to compute.
         plan: first seed, learning runs and trials.
         by: engine, threads or cluster.
-        results: the results directory, open; None: nothing is saved.
+        results: the results directory, open; None: do not save.
         progress: see `Progress`.
     """
     found: dict[str, ConditionResult | None] = {}
@@ -441,7 +441,7 @@ def samples_of(
 
 
 def _report_writer() -> Callable[..., None]:
-    """Return what writes reports; raise `RunError`, before hours go by, where it cannot."""
+    """Return the report writer; raise `RunError` early, before hours of work, if it is missing."""
     for package in ("pandas", "matplotlib", "jinja2"):
         remedy = "pip install pandas matplotlib jinja2"
         with needed(f"a report needs the Python package {package}", remedy):
@@ -454,7 +454,7 @@ def _report_writer() -> Callable[..., None]:
 def one_run(
     results: Results, condition: Condition, number: int, by: Computing
 ) -> SingleRun:
-    """Compute one run of a condition and save what it learned, as `train` does.
+    """Compute one run of a condition and save its tables, as `train` does.
 
     Where that run is there already, only its trials are played again.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How learned teams stand: the share of the gap that they close, with its error, and failures."""
+"""Standings of learned teams: their share of the gap, with its error, and failures."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ ARRIVE = 0.999
 
 @dataclass(frozen=True)
 class Standing:
-    """How teams stand in some buildings; all buildings count the same.
+    """The standing of teams in some buildings; all buildings count the same.
 
     Attributes:
-        buildings: how many there are.
+        buildings: number of buildings.
         teams: teams that learned there.
-        paths: worth of fixed shortest paths.
+        paths: value of fixed shortest paths.
         best_known: value of the best asking team found, or of the route planner.
-        reward: total discounted reward; its standard error is that of the teams in just these
+        returns: total discounted reward; its standard error is that of the teams in just these
             buildings.
-        share: share of the pooled gap that is closed: (reward - paths) / (best_known - paths). Its
-            standard error is a bootstrap over buildings, and over the teams in each: what other
-            buildings of these kinds would change. Of a single building it is that of its teams.
+        share: closed share of the pooled gap: (return - paths) / (best_known - paths). Its
+            standard error is a bootstrap over buildings, and over the teams in each: the effect of
+            other buildings of these kinds. For a single building it is that of its teams.
         worst: share of the gap in the building where it is least.
         asks, miscoordinations: of a robot, and of a team, in a trial.
-        below: teams that are worth less than shortest paths.
+        below: teams with a lower value than shortest paths.
         failed: teams in which some robot fails to arrive in more than one trial of a thousand.
     """
 
@@ -45,7 +45,7 @@ class Standing:
     teams: int
     paths: float
     best_known: float
-    reward: Measure
+    returns: Measure
     share: Measure
     worst: float
     asks: float
@@ -54,7 +54,7 @@ class Standing:
     failed: int
 
     def share_and_failed(self) -> str:
-        """Return the share of the gap with its error in percent, and how many teams fail."""
+        """Return the share of the gap with its error in percent, and the count of failed teams."""
         share = self.share
         percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
         return f"{percent}; {self.of_teams(self.failed)} fail"
@@ -68,7 +68,7 @@ class Standing:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         said = dict(vars(self))
-        for name in ("reward", "share"):
+        for name in ("returns", "share"):
             measure = said[name]
             said[name] = measure.mean
             said[f"{name}_standard_error"] = measure.standard_error
@@ -78,7 +78,7 @@ class Standing:
 def standings(
     results: Iterable[ConditionResult], *, by_kind: bool = False
 ) -> dict[str, Standing]:
-    """Return how teams stand; by their robots, such as `2r`.
+    """Return the standings of teams, by their number of robots, such as `2r`.
 
     Args:
         results: of unseen buildings.
@@ -95,18 +95,18 @@ def standing(
     results: Sequence[ConditionResult],
     best_of: Callable[[Scenario], float | None] = known_best,
 ) -> Standing:
-    """Return how teams of one learner stand in these buildings.
+    """Return the standing of one learner's teams in these buildings.
 
     Args:
         results: of the buildings.
         best_of: returns the value of the best known team of a building.
     """
-    rewards = [one.best("reward") for one in results]
-    error = float(np.sqrt(sum(one.standard_error**2 for one in rewards))) / len(rewards)
+    returns = [one.best("returns") for one in results]
+    error = float(np.sqrt(sum(one.standard_error**2 for one in returns))) / len(returns)
     values = [best_of(one.scenario) for one in results]
     known = np.array([np.nan if value is None else value for value in values])
-    paths = [one.reference["reward"] for one in results]
-    learned = [one.run_means("reward") for one in results]
+    paths = [one.reference["returns"] for one in results]
+    learned = [one.run_means("returns") for one in results]
     gained = np.array([own.mean() for own in learned]) - paths
 
     def mean(values: Iterable[float]) -> float:
@@ -117,7 +117,7 @@ def standing(
         teams=sum(one.runs for one in results),
         paths=mean(paths),
         best_known=mean(known),
-        reward=Measure(mean(one.mean for one in rewards), float("nan"), error),
+        returns=Measure(mean(one.mean for one in returns), float("nan"), error),
         share=pooled_share(learned, np.array(paths), known),
         worst=float((gained / (known - paths)).min()),
         asks=mean(one.best("asks").mean for one in results),
@@ -139,7 +139,7 @@ def pooled_share(
     the same in every call.
 
     Args:
-        learned: the teams' rewards in each building, shape (teams,) each.
+        learned: the teams' returns in each building, shape (teams,) each.
         low: where the gap begins in each building, shape (buildings,).
         high: where it ends, shape (buildings,).
 
@@ -150,23 +150,23 @@ def pooled_share(
     count = len(learned)
     chosen = rng.integers(count, size=(RESAMPLES, count))
     gained = np.zeros((RESAMPLES, count))
-    for building, rewards in enumerate(learned):
+    for building, returns in enumerate(learned):
         places = chosen == building
-        teams = rng.integers(len(rewards), size=(int(places.sum()), len(rewards)))
-        gained[places] = rewards[teams].mean(axis=1) - low[building]
+        teams = rng.integers(len(returns), size=(int(places.sum()), len(returns)))
+        gained[places] = returns[teams].mean(axis=1) - low[building]
     shares = gained.sum(axis=1) / (high - low)[chosen].sum(axis=1)
-    means = np.array([rewards.mean() for rewards in learned])
+    means = np.array([returns.mean() for returns in learned])
     share = float((means - low).sum() / (high - low).sum())
     return Measure(share, float("nan"), float(shares.std(ddof=1)))
 
 
 def failed_teams(result: ConditionResult) -> int:
-    """Return how many teams miss in more than one trial of a thousand; exact where it is known."""
+    """Return the number of failed teams: they miss in more than one trial of a thousand."""
     return int(fails(result).sum())
 
 
 def fails(result: ConditionResult) -> np.ndarray:
-    """Return which teams miss in more than one trial of a thousand, shape (runs,), bool."""
+    """Return whether each team fails in more than one trial of a thousand, (runs,), bool."""
     if result.exact is None:
         missed = np.array(result.not_arrived) / result.trials
         return missed > 1.0 - ARRIVE

@@ -70,8 +70,8 @@ RUN_TRIALS = Setting(
 )
 TRIALS_OR_NONE = replace(RUN_TRIALS, low=0, least=1)
 
-SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
-BY_ROBOT = ("reward", "asks")
+SUMS = ("returns", "time_to_goal", "asks", "miscoordinations")
+BY_ROBOT = ("returns", "asks")
 
 Say = Callable[[str], None]
 """Is told in one line about a file that is left out, or put aside."""
@@ -79,7 +79,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """What every condition of a results directory has in common.
+    """The plan that all conditions of a results directory share.
 
     Attributes:
         seed: seed of run 0; run i has seed + i.
@@ -107,16 +107,16 @@ class Plan:
 
 @dataclass(frozen=True)
 class ConditionResult:
-    """What the runs of one condition brought; lists have one entry a run.
+    """The results of the runs of one condition; lists have one entry for each run.
 
     Attributes:
         condition: the condition.
         trials: trials of each run.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
-        reference: value of fixed shortest-path policies: reward, time_to_goal and
-            miscoordinations. Where robots swap, block or help also the other attributes of
-            `Reference`.
+        reference: value of fixed shortest-path policies: returns, time_to_goal and
+            miscoordinations. Where robots swap, block or help also the other attributes
+            of `Reference`.
         means: mean of each measure of `SUMS` over trials (and robots).
         variances: variance of each measure over trials (and robots).
         robot_means: mean of each measure of `BY_ROBOT` over runs and trials, one a robot.
@@ -144,9 +144,9 @@ class ConditionResult:
     exact: dict[str, list[float]] | None = None
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
-        reward = self.measure("reward")
-        worth = f"reward {reward.mean:.2f} ({reward.standard_error:.2f})"
+        """Return a one-line description."""
+        returns = self.measure("returns")
+        worth = f"return {returns.mean:.2f} ({returns.standard_error:.2f})"
         return f"<ConditionResult {self.id}; {self.runs} runs, {self.trials} trials each; {worth}>"
 
     @property
@@ -191,8 +191,8 @@ class ConditionResult:
     def run_means(self, name: str) -> np.ndarray:
         """Return a measure's mean in each run, shape (runs,); exact where it is known.
 
-        Run i has the same seed in every condition: what is computed from several conditions is
-        computed run by run, and its error is that of the results.
+        Run i has the same seed in every condition: quantities from several conditions are computed
+        run by run, and their error is that of the results.
         """
         return np.array((self.means if self.exact is None else self.exact)[name])
 
@@ -235,7 +235,7 @@ class ConditionResult:
         return float(np.mean(self.visited)) * self.row_bytes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what `reproduce --json` prints."""
+        """Return plain data, as `reproduce --json` prints it."""
         measures = {name: asdict(self.measure(name)) for name in SUMS}
         if self.exact is not None:
             measures["exact"] = {
@@ -315,7 +315,7 @@ def sample(run: Training) -> Sample:
 def collect(
     condition: Condition, trials: int, samples: Iterable[Sample]
 ) -> ConditionResult:
-    """Sum up what is kept of a condition's runs (>= 1), in the order of their seeds."""
+    """Summarise a condition's runs (>= 1), in the order of their seeds."""
     found = list(samples)
     optimum = known_optimum(condition.scenario)
     episodes = len(found) * trials
@@ -365,7 +365,7 @@ class Results:
         self._say = say
 
     def path(self, condition: Condition) -> Path:
-        """Return where a condition's result is."""
+        """Return the path of a condition's result."""
         return self.directory / CONDITIONS / f"{condition.id}.json"
 
     def load(self, condition: Condition) -> ConditionResult | None:
@@ -431,12 +431,12 @@ MOST_ARRIVED = 1.0 + 1e-9
 
 
 def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
-    """Return the form of what a file says of a condition's runs, by the names of `MEASURED`."""
+    """Return the form of a file's data on a condition's runs, by the names of `MEASURED`."""
     of_run = (plan.runs,)
     of_robot = (len(scenario.robots),)
     of_cell = (*of_robot, len(scenario.map.cells))
     means: dict[str, Form] = {name: Numbers(of_run, low=0.0) for name in SUMS}
-    means["reward"] = Numbers(of_run)
+    means["returns"] = Numbers(of_run)
     return {
         "optimum": Numbers(),
         "optimum_exact": bool,
@@ -457,12 +457,12 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
 def _reference_names(scenario: Scenario) -> tuple[str, ...]:
     """Return the attributes of `Reference` that a result has; where it is always exact, three."""
     if only_together(interactions_of(scenario)):
-        return "reward", "time_to_goal", "miscoordinations"
+        return "returns", "time_to_goal", "miscoordinations"
     return tuple(field.name for field in fields(Reference))
 
 
 def _reference_of(scenario: Scenario) -> dict[str, float]:
-    """Return what a result has of the value of fixed shortest paths."""
+    """Return the fields of a result for the value of fixed shortest paths."""
     found = asdict(shortest_path_reference(scenario))
     return {name: float(found[name]) for name in _reference_names(scenario)}
 
@@ -489,7 +489,7 @@ def _result(
         path: the file, for messages.
         condition: the condition that the file's place says.
         plan: the plan of its directory.
-        data: what `_read` returned.
+        data: the data, from `_read`.
 
     Raises:
         DamagedError: it is of another condition or plan, or has not the form of a result.
@@ -525,7 +525,7 @@ def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
 
     Args:
         scenario: of the condition.
-        said: what a file says of its runs.
+        said: a file's data on its runs.
 
     Raises:
         DamagedError: the file says something else.
@@ -548,7 +548,7 @@ def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
 def read_results(
     directory: Path, say: Say = lambda _: None
 ) -> tuple[Plan, list[ConditionResult]]:
-    """Read all that a results directory holds, without writing there.
+    """Read all results of a directory, without writing there.
 
     Args:
         directory: where it is.
@@ -584,8 +584,8 @@ def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Con
         given: plain data of the scenario, where it is the user's own.
 
     Raises:
-        DamagedError: the data are no scenario, or the condition's place is another one.
-        SparseCoordError: the place is no condition's, or there is no such scenario or learner.
+        DamagedError: the data are no scenario, or belong to another path.
+        SparseCoordError: the path is no condition's, or its scenario or learner is unknown.
     """
     place = str(file.relative_to(folder))
     scenario = None if given is None else _scenario_of(given)
@@ -627,7 +627,7 @@ def _manifest(path: Path) -> Plan:
 def open_results(
     directory: Path, plan: Plan, say: Say = lambda _: None
 ) -> Iterator[Results]:
-    """Create a results directory or go on with one, for this process alone.
+    """Create or continue a results directory, for this process alone.
 
     Args:
         directory: where it is.
@@ -635,8 +635,8 @@ def open_results(
         say: hears which file is put aside, because it is damaged or belongs elsewhere.
 
     Raises:
-        ResultsError: it is no results directory, has another format or plan, or another process
-            is writing it.
+        ResultsError: the directory holds no results, has another format or plan, or another
+            process is writing it.
     """
     directory.mkdir(parents=True, exist_ok=True)
     lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a call asks for: whole experiments, conditions, single learning runs."""
+"""Targets of a call: whole experiments, conditions, single learning runs."""
 
 import re
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from sparse_coord_ros.studies.store import Plan, computation_digest
 
 @dataclass(frozen=True)
 class Targets:
-    """What a call asks for, each once.
+    """The targets of a call, each once.
 
     Attributes:
         experiments: whole experiments, in the order of `NAMES`.
@@ -29,7 +29,7 @@ class Targets:
 
 
 def parse_targets(asked: Sequence[str | Condition], plan: Plan) -> Targets:
-    """Return what the names of experiments and the ids of conditions and single runs ask for.
+    """Return the targets from names of experiments and ids of conditions and single runs.
 
     Args:
         asked: names, ids and conditions.

@@ -148,7 +148,7 @@ def test_many_runs_are_the_single_ones(scenario, training):
         == sc.evaluate(training, trials=9).to_dict()
     )
     frame = many.to_pandas()
-    measures = ["reward", "time_to_goal", "asks", "miscoordinations", "arrived"]
+    measures = ["returns", "time_to_goal", "asks", "miscoordinations", "arrived"]
     assert list(frame) == [
         "scenario",
         "learner",
@@ -158,7 +158,7 @@ def test_many_runs_are_the_single_ones(scenario, training):
     ]
     assert set(frame.scenario + " " + frame.learner) == {"env1 coop"}
     assert (frame.penalty == -100).all()
-    assert frame.reward[1] == sc.evaluate(training, trials=4, seed=3).reward.mean
+    assert frame.returns[1] == sc.evaluate(training, trials=4, seed=3).returns.mean
     assert frame.arrived[0] == many[0].trials.arrived.all(axis=1).mean()
     bare = sc.train_many(scenario, runs=1, trials=0, history=False)
     assert (bare[0].trials, bare[0].history.episodes) == (None, 0)
@@ -216,7 +216,7 @@ def test_references_are_those_of_optimum(printed, scenario):
     optimum = sc.optimum(scenario)
     paths = sc.shortest_paths(scenario)
     assert (found["value"], found["exact"]) == (optimum.value, optimum.exact)
-    assert found["shortest_paths"]["reward"] == paths.reward
+    assert found["shortest_paths"]["returns"] == paths.returns
     assert sc.optimum("env1").value != optimum.value
 
 
@@ -261,17 +261,17 @@ def test_frames_of_experiments():
     assert list(frame.condition) == list(IDS) == list(done)
     assert (frame.ask_cost == [1, 2]).all()
     result = done[IDS[0]]
-    assert frame.reward[0] == result.measure("reward").mean
-    assert frame.reward_standard_error[0] == result.measure("reward").standard_error
+    assert frame.returns[0] == result.measure("returns").mean
+    assert frame.returns_standard_error[0] == result.measure("returns").standard_error
     # Student's t of one degree of freedom
-    half = 12.706 * frame.reward_standard_error[0]
-    assert frame.reward_high[0] - frame.reward[0] == pytest.approx(half, rel=1e-4)
+    half = 12.706 * frame.returns_standard_error[0]
+    assert frame.returns_high[0] - frame.returns[0] == pytest.approx(half, rel=1e-4)
     by_run = done.to_pandas(by_run=True)
     assert list(by_run.seed) == [5, 6, 5, 6]
     assert list(by_run.run) == [0, 1, 0, 1]
-    assert list(by_run.reward[:2]) == result.means["reward"]
-    half = 4.3027 * (result.variances["reward"][1] / 3) ** 0.5
-    assert by_run.reward[1] - by_run.reward_low[1] == pytest.approx(half, rel=1e-4)
+    assert list(by_run.returns[:2]) == result.means["returns"]
+    half = 4.3027 * (result.variances["returns"][1] / 3) ** 0.5
+    assert by_run.returns[1] - by_run.returns_low[1] == pytest.approx(half, rel=1e-4)
     assert by_run.arrived[0] == 1 - result.not_arrived[0] / 3
     once = sc.run_experiment(IDS[0], runs=1, trials=1).to_pandas()
     assert np.isnan(once.reward_standard_error[0])
@@ -310,7 +310,7 @@ def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
     assert swept._repr_html_().count("<tr") == 5
     assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty (log scale)"]
     assert swept.plot()._repr_png_().startswith(b"\x89PNG")
-    assert len(swept.plot("penalty", ("reward", "asks")).axes) == 2
+    assert len(swept.plot("penalty", ("returns", "asks")).axes) == 2
     with pytest.raises(sc.SparseCoordError, match="'ask_cost'.*penalty"):
         swept.plot("ask_cost")
 
@@ -337,7 +337,8 @@ def test_exact_evaluation_is_what_trials_tend_to(training, scenario):
     found = sc.evaluate_exact(training)
     trials = sc.evaluate(training, trials=2000, seed=1)
     assert (
-        abs(found.reward.mean - trials.reward.mean) < 4 * trials.reward.standard_error
+        abs(found.returns.mean - trials.returns.mean)
+        < 4 * trials.returns.standard_error
     )
     same = sc.evaluate_exact(training.tables, scenario=scenario, learner="coop")
     assert same.to_dict() == found.to_dict()

@@ -121,7 +121,7 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
     assert tables_equal([agent.tables for agent in agents.values()], due.tables)
 
 
-def test_discounted_returns_are_the_rewards_of_evaluate():
+def test_discounted_returns_are_those_of_evaluate():
     """Robot 3 arrives first; then the others meet in the doorway, and all pay."""
     robots = {"robot_1": (1, 2), "robot_2": (2, 1), "robot_3": (3, 4)}
     scenario = drawn("31..D..2\n4..#####", robots, penalty=-50)
@@ -151,7 +151,7 @@ def test_discounted_returns_are_the_rewards_of_evaluate():
     found = evaluate(tables, scenario=scenario, learner="noncoop", trials=4000)
     error = np.std(returns) / len(returns) ** 0.5
     assert late > 0
-    assert abs(np.mean(returns) - found.reward.mean) < 4 * error
+    assert abs(np.mean(returns) - found.returns.mean) < 4 * error
 
 
 def test_masks_worth_and_bad_input():

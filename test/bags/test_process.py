@@ -122,7 +122,7 @@ def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch, started):
     patience = struct.pack("ll", 0, 300_000)
     started.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, patience)
     os.kill(started.process.pid, signal.SIGSTOP)
-    with pytest.raises(BagError, match="has not moved for 0.3 s; .*: look at its disk"):
+    with pytest.raises(BagError, match="has not moved for 0.3 s; .*: check its disk"):
         writer.add_topic("/a", STRING, QoS())
     with pytest.raises(BagError, match="has not moved"):
         writer.close()

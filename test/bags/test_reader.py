@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the reader says of finished, unfinished, foreign and hostile bags."""
+"""The reader with finished, unfinished, foreign and hostile bags."""
 
 import errno
 import io
@@ -285,7 +285,7 @@ def test_files_of_others_than_ros_2_are_refused_not_called_damaged(tmp_path):
     with pytest.raises(BagError) as caught:
         open_bag(path)
     assert str(caught.value) == (
-        f"{path}: this MCAP file is no ROS 2 bag: topic '/bad' is encoded as 'json', not cdr"
+        f"{path}: this MCAP file is not a ROS 2 bag: topic '/bad' is encoded as 'json', not cdr"
     )
 
 
@@ -549,7 +549,7 @@ def test_a_chunk_of_nothing_but_zeros_is_no_list_of_records(tmp_path):
 
 
 def test_searching_ends(tmp_path, monkeypatch):
-    """Somebody may make a file of which every byte begins a record."""
+    """A forged file may begin a record at every byte."""
     monkeypatch.setattr("sparse_coord_ros.log.bags.contents.SEARCHED", 0)
     monkeypatch.setattr("sparse_coord_ros.log.bags.contents.SEARCH", 300)
     monkeypatch.setattr("sparse_coord_ros.log.bags.contents.TRIED", 1)

@@ -23,7 +23,7 @@ def test_without_a_terminal_lines_say_what_goes_on(capsys, monkeypatch):
             time.sleep(0.001)
             said += capsys.readouterr().err
 
-    with Bar("steps", "setting up") as bar:
-        wait_for("setting up ...\n")
+    with Bar("steps", "compiling") as bar:
+        wait_for("compiling: 0 s so far\n")
         bar.show(1000, 2_000_000, "best")
-        wait_for("best 1,000 of 2,000,000 steps ...\n")
+        wait_for("best 1,000 of 2,000,000 steps: 0 s so far\n")

@@ -46,7 +46,7 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
 ):
     trained("env1", "--learner", "indiv")
     found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])[
-        "reward"
+        "returns"
     ]
     said = "{mean:.2f} ± {spread:.2f} (s.e. {standard_error:.2f})".format(**found)
     assert found["standard_error"] > 0
@@ -65,7 +65,7 @@ def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     result = summary(play(scenario, tables_in(folder / "a"), trials=40, seed=9))
     assert {name: data[name] for name in result.to_dict()} == result.to_dict()
     assert (data["scenario"], data["learner"]) == ("env1", "noncoop")
-    assert data["paper"]["reward"] == [119.3, 12.2]
+    assert data["paper"]["returns"] == [119.3, 12.2]
     assert data["optimum"] == pytest.approx(121.89, abs=0.01)
     assert data["optimum_exact"] is True
 
@@ -105,8 +105,8 @@ def test_exact(sparse_coord, trained, folder):
     data = json.loads(sparse_coord("evaluate", "a", "--exact", "--json")[1])
     scenario = load_scenario("env1").with_settings({"penalty": -100})
     found = evaluate_exact(scenario, tables_in(folder / "a"))
-    assert data["reward"]["mean"] == found.reward.mean
-    assert data["reward"]["standard_error"] == 0
+    assert data["returns"]["mean"] == found.returns.mean
+    assert data["returns"]["standard_error"] == 0
     assert data["all_arrived"] == found.all_arrived
     assert data["best_asking_team"] == pytest.approx(118.5092, abs=1e-4)
 
@@ -130,10 +130,14 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
         ("b", "env1", "noncoop", 0),
         ("c", "env2-4r", "coop", 4),
     ]
-    assert [one["reward"]["standard_error"] == 0 for one in runs] == [True, True, False]
+    assert [one["returns"]["standard_error"] == 0 for one in runs] == [
+        True,
+        True,
+        False,
+    ]
     assert (
-        runs[1]["reward"]
-        == json.loads(sparse_coord("evaluate", "b", "--exact", "--json")[1])["reward"]
+        runs[1]["returns"]
+        == json.loads(sparse_coord("evaluate", "b", "--exact", "--json")[1])["returns"]
     )
     alike = sparse_coord("evaluate", "a", "b", "a")[1].splitlines()[2:5]
     named = [line.split("  ")[0] for line in alike]

@@ -137,7 +137,7 @@ READ = {
 
 def number_of(name):
     """Return the number of a file's format."""
-    return 1 if name == "search.json" else 3
+    return 1 if name == "search.json" else 4
 
 
 def renumbered(path, known, number):

@@ -84,13 +84,16 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
     for name in files:
         typed = folder / name.replace("clicked", "typed")
         assert (folder / name).read_bytes() == typed.read_bytes()
-    assert told(page, TRAIN, start=[], goal=[]) == "no robot is there: click its places"
+    assert (
+        told(page, TRAIN, start=[], goal=[])
+        == "no robot is placed: click its start and its goal"
+    )
     told(page, TRAIN)
     what, path = page[0].wanted.get(timeout=PATIENCE_SECONDS)
     assert (what, str(path)) == (TRAIN, "clicked/env1.yaml")
     assert (
         told(page, TRAIN)
-        == "a team learns or drives already: wait for its end, or stop it"
+        == "a team is already learning or driving: wait until it ends, or stop it"
     )
 
 

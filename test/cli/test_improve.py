@@ -28,7 +28,7 @@ def test_improve(sparse_coord, refused, folder):
         assert words in out
     assert "no r^C" not in out
     _, out, _ = sparse_coord("evaluate", "a", "a/improved", "--json")
-    learned, improved = (run["reward"]["mean"] for run in json.loads(out)["runs"])
+    learned, improved = (run["returns"]["mean"] for run in json.loads(out)["runs"])
     assert improved > learned + 0.5
     assert "improved: exists already" in refused("improve", "a")
     assert sparse_coord("train", "env2-2r", *TRAIN[2:], "--out", "b")[0] == 0
@@ -48,7 +48,7 @@ def test_train_improves_to_the_same_tables_and_says_which_doorways_nobody_felt(
     assert [run["directory"] for run in plan["runs"]] == ["a", "a/improved"]
     assert sparse_coord(*TRAIN, "--penalty", 0, "--out", "b")[0] == 0
     _, out, _ = sparse_coord("improve", "b")
-    assert "no r^C was ever felt in doorway (2, 2)" in out
+    assert "no robot ever paid r^C in doorway (2, 2)" in out
     teams = [tables_in(folder / name / "improved") for name in "ab"]
     for one, other in zip(*teams, strict=True):
         assert (one.q_star == other.q_star).all()

@@ -138,8 +138,8 @@ def test_reproduce_names_it_in_ids(place, verb):
     assert all((place / "auto/conditions" / f"{one}.json").is_file() for one in ids)
     again = verb("reproduce", *ids, f"{ids[1]}/1", *few, "--out", "auto", "--json")
     assert again == found[0]
-    reward = json.loads(found[0])["conditions"][1]["reward"]["mean"]
-    assert np.isfinite(reward)
+    returns = json.loads(found[0])["conditions"][1]["returns"]["mean"]
+    assert np.isfinite(returns)
 
 
 def test_where_it_fails_one_line_says_so(here, place):

@@ -58,7 +58,7 @@ def test_a_run_that_was_finished_already_is_said_to_be(
     monkeypatch.setattr("sparse_coord_ros.cli.live.run", run)
     code, printed, _ = sparse_coord("run", "--resume", "out")
     assert code == 0
-    assert "5 steps made before: the run was finished already, " in printed
+    assert "5 steps (the run was already finished), " in printed
     assert "steps/s" not in printed
 
 

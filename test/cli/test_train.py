@@ -109,7 +109,7 @@ def test_evaluations_on_the_way(sparse_coord, folder):
     assert [entry["steps"] for entry in said["evaluations"]] == [400, 800, 1000]
     for row, entry in zip(rows, said["evaluations"], strict=True):
         assert (row["steps"], row["trials"]) == (str(entry["steps"]), "200")
-        assert float(row["reward_spread"]) == entry["reward"]["spread"]
+        assert float(row["returns_spread"]) == entry["returns"]["spread"]
         assert float(row["asks"]) == entry["asks"]["mean"]
         assert int(row["not_arrived"]) == entry["not_arrived"]
 

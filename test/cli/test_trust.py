@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What somebody sent is opened where it lies, with a module beside it: no verb imports that."""
+"""No verb imports a module beside a stranger's file that it opens."""
 
 import os
 import sys
@@ -28,7 +28,7 @@ ACTIONS = "actions and tables"
 EPISODES = "greedy episodes"
 VALUE = "the value of this team"
 THEIR_RESULT = "results of theirs:Team"
-WHY = "what robots chose by and what they learned"
+WHY = "the robots' values and updates"
 
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),
@@ -63,7 +63,7 @@ VERBS = {
 
 @pytest.fixture(scope="module")
 def sent(tmp_path_factory):
-    """Return a folder that somebody sent: runs, bags, results, a scenario; and their module."""
+    """Return a stranger's folder: runs, bags, results, a scenario; and their module."""
     from recordings import recorded
 
     folder = tmp_path_factory.mktemp("sent")
@@ -99,7 +99,7 @@ def sent(tmp_path_factory):
 
 @pytest.fixture
 def here(sent, monkeypatch):
-    """Be in that folder; forget afterwards what was imported there."""
+    """Work in that folder; afterwards forget modules imported there."""
     monkeypatch.chdir(sent)
     with forgotten():
         yield sent
@@ -237,7 +237,7 @@ def test_no_child_begins_with_what_lies_there(
 
 
 def table():
-    """Return what docs/reliability.md says of the verbs, those alike in one row."""
+    """Return the table of verbs in docs/reliability.md, equal ones in one row."""
     words = {None: "-", REFUSED: "refused", NOTHING: "all"}
     rows: dict[str, list[str]] = {}
     for command, outcomes in VERBS.items():

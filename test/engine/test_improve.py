@@ -110,15 +110,15 @@ def test_greedy_reading_of_the_tables_is_the_plan(settings):
     run = trained(**settings)
     found = improved(run)
     scenario = learned(run)
-    value = evaluate_exact(scenario, found.tables, learner=FACTORED).reward.mean
+    value = evaluate_exact(scenario, found.tables, learner=FACTORED).returns.mean
     assert value == pytest.approx(found.value, abs=1e-3)  # trials end after 100 steps
-    before = evaluate_exact(scenario, run.tables, learner=FACTORED).reward.mean
+    before = evaluate_exact(scenario, run.tables, learner=FACTORED).returns.mean
     assert before == pytest.approx(found.before, abs=1e-3)
     assert found.value > found.before + 1
-    truth = evaluate_exact(run.scenario, found.tables, learner=FACTORED).reward.mean
+    truth = evaluate_exact(run.scenario, found.tables, learner=FACTORED).returns.mean
     assert (
         truth
-        > evaluate_exact(run.scenario, run.tables, learner=FACTORED).reward.mean + 1
+        > evaluate_exact(run.scenario, run.tables, learner=FACTORED).returns.mean + 1
     )
     for table, old in zip(found.tables, run.tables, strict=True):
         assert np.array_equal(table.memory["u"], old.memory["u"])
@@ -179,10 +179,10 @@ def test_more_robots_climb_by_trials_all_to_the_same_plan(few_trials):
     team = Team(learned(run), FACTORED, compiled=True)
     before = team.play(
         team.initial(memories_of(run)), 0, 200, paired=True
-    ).reward.mean()
+    ).returns.mean()
     assert before == found.before
     values = [
-        play(learned(run), tables, trials=500, seed=3, learner=FACTORED).reward.mean()
+        play(learned(run), tables, trials=500, seed=3, learner=FACTORED).returns.mean()
         for tables in (run.tables, found.tables)
     ]
     assert values[1] > values[0]
@@ -222,7 +222,7 @@ def test_robots_that_take_turns_in_a_passage_never_meet(few_trials):
     team = Team(run.scenario, FACTORED, compiled=True)
     trials = team.play(team.initial(memories), 0, 300)
     assert trials.arrived.all() and trials.miscoordinations.sum() == 0
-    assert improved(run).value > trials.reward.mean() - 3
+    assert improved(run).value > trials.returns.mean() - 3
 
 
 @needs_numba

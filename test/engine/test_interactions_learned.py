@@ -24,7 +24,7 @@ def worth(learner, grid, kind):
     for seed in range(4):
         run = LearningRun(team, seed)
         run.advance(scenario.steps)
-        found.append(run.play(100).reward.mean())
+        found.append(run.play(100).returns.mean())
     return np.mean(found)
 
 

@@ -185,6 +185,9 @@ OFTEN = (*range(1, 30, 2), 63, 64, 301)
 SINCE_1_0_0 = ("alone", "asked", "passage", "narrow")
 """Fields of a memory that 1.0.0 did not have."""
 
+OLD_NAMES = {"returns": "reward"}
+"""How 1.0.0 named an array."""
+
 DIGESTS = Path(__file__).parents[1] / "fixtures/1.0.0/digests.json"
 
 
@@ -199,8 +202,9 @@ def problem(case):
 def digest(arrays):
     """Return the digest of arrays by their names, with types and shapes."""
     found = hashlib.sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
+    named = {OLD_NAMES.get(name, name): array for name, array in arrays.items()}
+    for name, array in sorted(named.items()):
+        array = np.ascontiguousarray(array)
         found.update(f"{name} {array.dtype} {array.shape} ".encode())
         found.update(array.tobytes())
     return found.hexdigest()[:16]

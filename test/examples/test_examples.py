@@ -67,12 +67,12 @@ def test_twenty_runs(said, tmp_path):
 
 def test_own_perception(said):
     lines = said("own_perception.py", 2000).splitlines()
-    assert [line.rpartition(": reward")[0] for line in lines] == [
+    assert [line.rpartition(": return")[0] for line in lines] == [
         "always",
         "fog:4",
         "fog:1",
     ]
-    assert len({line.partition("reward")[2] for line in lines}) > 1
+    assert len({line.partition("return")[2] for line in lines}) > 1
 
 
 def test_own_learner(said):
@@ -98,7 +98,7 @@ def compared(monkeypatch):
             )
             for learner, engine in pairs
         )
-        same = first.trials.reward.tobytes() == second.trials.reward.tobytes()
+        same = first.trials.returns.tobytes() == second.trials.returns.tobytes()
         return same, tables_equal(first.tables, second.tables)
 
     return compare

@@ -69,7 +69,7 @@ def test_two_robots_are_in_one_anothers_way(name):
     scenario = load_scenario(name)
     said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
-    paths = shortest_path_reference(scenario).reward
+    paths = shortest_path_reference(scenario).returns
     optimum = joint_optimum(scenario).value
     assert said["shortest_paths"] == pytest.approx(paths, abs=1e-9)
     assert said["optimum"] == pytest.approx(optimum, abs=1e-7)
@@ -84,7 +84,7 @@ def test_more_are_too(name):
     said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
     plan = shipped_routes(scenario)
-    assert shortest_path_reference(scenario).reward == pytest.approx(
+    assert shortest_path_reference(scenario).returns == pytest.approx(
         said["shortest_paths"]
     )
     assert said["shortest_paths"] + 1 < plan.value < independent_bound(scenario)
@@ -185,7 +185,7 @@ def test_learners_are_judged(tmp_path):
     ]
     low = np.array([one.paths for one in noncoop.judged])
     high = np.array([one.top for one in noncoop.judged])
-    means = np.array([np.mean(one.rewards) for one in noncoop.judged])
+    means = np.array([np.mean(one.returns) for one in noncoop.judged])
     share, error = noncoop.share
     assert share == pytest.approx((means - low).sum() / (high - low).sum())
     assert error > 0
@@ -291,9 +291,9 @@ def test_entries_are_read(tmp_path):
 
 
 def test_how_teams_stand():
-    reward = Measure(115.0, 1.0, 0.5)
+    returns = Measure(115.0, 1.0, 0.5)
     share = Measure(0.75, float("nan"), 0.025)
-    one = Standing(2, 60, 100.0, 120.0, reward, share, 0.5, 1.0, 0.0, 0, 3)
+    one = Standing(2, 60, 100.0, 120.0, returns, share, 0.5, 1.0, 0.0, 0, 3)
     assert one.of_teams(one.failed) == "3 of 60"
     assert one.of_teams(one.below) == "0 of 60 (< 4.9 %)"
     assert one.share_and_failed() == "75.0 % (2.5); 3 of 60 fail"
@@ -324,32 +324,32 @@ def test_a_share_is_of_the_pooled_gap():
 
 
 def test_teams_below_shortest_paths_and_failed_ones_are_counted(result_in):
-    low = shortest_path_reference(load_scenario("unseen1-door-2r-0")).reward
+    low = shortest_path_reference(load_scenario("unseen1-door-2r-0")).returns
     result = result_in(
-        "unseen1-door-2r-0", rewards=[low - 1.0, low, low + 8.0], failing=[0, 5, 0]
+        "unseen1-door-2r-0", returns=[low - 1.0, low, low + 8.0], failing=[0, 5, 0]
     )
     one = standing([result, result])
     assert (one.buildings, one.teams, one.below, one.failed) == (2, 6, 2, 2)
-    assert one.reward.mean == pytest.approx(low + 7.0 / 3.0)
+    assert one.returns.mean == pytest.approx(low + 7.0 / 3.0)
     assert one.worst == pytest.approx(one.share.mean)
-    assert one.reward.standard_error == pytest.approx(
-        result.best("reward").standard_error / 2**0.5
+    assert one.returns.standard_error == pytest.approx(
+        result.best("returns").standard_error / 2**0.5
     )
 
 
 def test_what_is_exact_decides_who_fails(result_in):
-    rewards = [140.0, 140.0, 140.0]
-    result = result_in("unseen1-door-2r-0", rewards, failing=[0, 0, 1000])
-    exact = {"reward": rewards, "arrived": [0.5, 0.9995, 1.0]}
+    returns = [140.0, 140.0, 140.0]
+    result = result_in("unseen1-door-2r-0", returns, failing=[0, 0, 1000])
+    exact = {"returns": returns, "arrived": [0.5, 0.9995, 1.0]}
     assert failed_teams(replace(result, exact=exact)) == 1
     assert failed_teams(result) == 1
 
 
 @pytest.fixture
 def result_in():
-    """Return a function that makes up a result in a building, with the rewards of its runs."""
+    """Return a function that makes up a result in a building, with the returns of its runs."""
 
-    def made(name, rewards, failing):
+    def made(name, returns, failing):
         [condition] = [
             c for c in unseen_conditions("coop", "tuning", {}) if c.name == name
         ]
@@ -358,13 +358,13 @@ def result_in():
             trials=1000,
             optimum=200.0,
             optimum_exact=True,
-            reference={"reward": shortest_path_reference(condition.scenario).reward},
+            reference={"returns": shortest_path_reference(condition.scenario).returns},
             means={
-                name: list(rewards) for name in ("reward", "asks", "miscoordinations")
+                name: list(returns) for name in ("returns", "asks", "miscoordinations")
             },
             variances={
-                name: [1.0] * len(rewards)
-                for name in ("reward", "asks", "miscoordinations")
+                name: [1.0] * len(returns)
+                for name in ("returns", "asks", "miscoordinations")
             },
             robot_means={},
             not_arrived=failing,

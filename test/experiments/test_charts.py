@@ -33,11 +33,11 @@ AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
 """Penalties in the order of the names of their files."""
 
 
-def with_reward(name, reward, **settings):
-    """Return a result of a condition with this reward in every run."""
+def with_return(name, value, **settings):
+    """Return a result of a condition with this return in every run."""
     learner = settings.pop("learner", "coop")
     means = {measure: [1.0] * PLAN.runs for measure in SUMS}
-    means["reward"] = [reward + 0.01 * run for run in range(PLAN.runs)]
+    means["returns"] = [value + 0.01 * run for run in range(PLAN.runs)]
     return result_of(name, learner, settings, means=means)
 
 
@@ -59,16 +59,16 @@ def joined(axes):
 
 
 def test_penalties_stand_in_numeric_order_with_true_distances():
-    rewards = dict(
+    returns = dict(
         zip(AS_TEXT, (119.0, 118.0, 115.0, 100.0, 112.0, 120.0), strict=True)
     )
     results = [
-        with_reward("env1", reward, penalty=text) for text, reward in rewards.items()
+        with_return("env1", value, penalty=text) for text, value in returns.items()
     ]
     [panel, *_] = swept_figure(results).axes
     [points] = drawn(panel).values()
     assert points[:, 0].tolist() == sorted(float(text) for text in AS_TEXT)
-    assert np.all(np.diff(points[:, 1]) > 0), "the reward falls with the penalty: no V"
+    assert np.all(np.diff(points[:, 1]) > 0), "the return falls with the penalty: no V"
     places = panel.transData.transform([(float(text), 0.0) for text in AS_TEXT])[:, 0]
     order = [AS_TEXT[i] for i in np.argsort(places)]
     assert order == ["0", "-0.1", "-1", "-10", "-20", "-100"], (
@@ -79,7 +79,7 @@ def test_penalties_stand_in_numeric_order_with_true_distances():
 
 
 def test_numbers_of_one_size_stand_on_a_linear_axis():
-    results = [with_reward("env1", 100.0 + c, ask_cost=c) for c in (10, 0, 0.5, 7, 2)]
+    results = [with_return("env1", 100.0 + c, ask_cost=c) for c in (10, 0, 0.5, 7, 2)]
     [panel, *_] = swept_figure(results).axes
     [points] = drawn(panel).values()
     assert points.tolist() == sorted(points.tolist())
@@ -92,11 +92,11 @@ def test_on_an_axis_of_numbers_every_point_stands_at_its_number():
     """Lines that coincide are told apart by their width, and the figure says so."""
     penalties = ("0", "-0.1", "-1", "-10")
     results = [
-        with_reward("env1", 120.0, penalty=penalty, learner=learner)
+        with_return("env1", 120.0, penalty=penalty, learner=learner)
         for learner in REPORTED_LEARNERS
         for penalty in penalties
     ]
-    figure = swept_figure(results, "penalty", ["reward"])
+    figure = swept_figure(results, "penalty", ["returns"])
     [panel] = figure.axes
     lines = [container.lines[0] for container in panel.containers]
     assert len(lines) == len(REPORTED_LEARNERS)
@@ -127,9 +127,9 @@ def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
     setting, values, scale
 ):
     results = [
-        with_reward("env1", 120.0, **{"penalty": "-20", setting: v}) for v in values
+        with_return("env1", 120.0, **{"penalty": "-20", setting: v}) for v in values
     ]
-    figure = swept_figure(results, setting, ["reward", "asks", "miscoordinations"])
+    figure = swept_figure(results, setting, ["returns", "asks", "miscoordinations"])
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)
     for panel in figure.axes:
@@ -147,7 +147,7 @@ def test_no_axis_scales_to_rounding_noise(measure):
     results = []
     for number, penalty in enumerate(("-1", "-2")):
         means = {each: [2.0 + 1e-10 * number] * PLAN.runs for each in SUMS}
-        shortest = dict.fromkeys(("reward", "time_to_goal", "miscoordinations"), 2.0)
+        shortest = dict.fromkeys(("returns", "time_to_goal", "miscoordinations"), 2.0)
         fixed = {"means": means, "optimum": 2.0, "reference": shortest}
         results.append(result_of("env1", "noncoop", {"penalty": penalty}, **fixed))
     [panel] = swept_figure(results, "penalty", [measure]).axes
@@ -162,9 +162,9 @@ def test_a_quantity_has_one_kind_of_axis_in_every_figure():
     [crowd] = figures_of("crowd", [made_up(one) for one in conditions]).values()
     kinds = {axes.get_ylabel(): axes.get_yscale() for axes in crowd.axes}
     assert kinds["loss against\nrobots alone\n(log scale)"] == "symlog"
-    results = [with_reward("env1", 110.0, penalty=penalty) for penalty in ("0", "-100")]
-    [loss, reward] = swept_figure(results, "penalty", ["loss", "reward"]).axes
-    assert (loss.get_yscale(), reward.get_yscale()) == ("symlog", "linear")
+    results = [with_return("env1", 110.0, penalty=penalty) for penalty in ("0", "-100")]
+    [loss, returns] = swept_figure(results, "penalty", ["loss", "returns"]).axes
+    assert (loss.get_yscale(), returns.get_yscale()) == ("symlog", "linear")
 
 
 def test_a_single_run_has_no_error_and_is_drawn_all_the_same():
@@ -206,7 +206,7 @@ def test_a_map_of_asks_says_its_learner_and_settings():
 
 def test_names_are_points_that_no_line_joins():
     shares = ("same", "each:1:0.5", "each:2:0")
-    results = [with_reward("env1", 100.0, common_reward=share) for share in shares]
+    results = [with_return("env1", 100.0, common_reward=share) for share in shares]
     [panel, *_] = swept_figure(results).axes
     assert not joined(panel)
     assert [label.get_text() for label in panel.get_xticklabels()] == list(shares)
@@ -217,14 +217,14 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
     """A line of one point has no length, and a reference no mark: it is drawn across."""
     settings = [{"penalty": penalty} for penalty in penalties]
     results = [
-        with_reward("env1", 118.0, learner=learner, **each)
+        with_return("env1", 118.0, learner=learner, **each)
         for each in settings
         for learner in ("coop", "noncoop")
     ]
     if len(penalties) == 1:
-        results += [with_reward("env1", 117.0, penalty="-20", steps=300)]
+        results += [with_return("env1", 117.0, penalty="-20", steps=300)]
     figure = swept_figure(
-        results, "steps" if len(penalties) == 1 else "penalty", ["reward"]
+        results, "steps" if len(penalties) == 1 else "penalty", ["returns"]
     )
     [legend] = figure.legends
     said = [text.get_text() for text in legend.get_texts()]
@@ -248,9 +248,9 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
 def test_a_reference_that_is_known_at_one_place_is_not_drawn_at_others():
     """The best asking team of env1 is known at a cost of 1."""
     results = [
-        with_reward("env1", 100.0, penalty="-100", ask_cost=cost) for cost in (0, 1, 10)
+        with_return("env1", 100.0, penalty="-100", ask_cost=cost) for cost in (0, 1, 10)
     ]
-    [panel] = swept_figure(results, "ask_cost", ["reward"]).axes
+    [panel] = swept_figure(results, "ask_cost", ["returns"]).axes
     known = [
         line for line in panel.lines if line.get_color() == STYLES[BEST_ASKING]["color"]
     ]
@@ -261,10 +261,10 @@ def test_a_reference_that_is_known_at_one_place_is_not_drawn_at_others():
 
 def test_a_reference_at_a_name_is_a_dash():
     results = [
-        with_reward("env1", 100.0, common_reward=share)
+        with_return("env1", 100.0, common_reward=share)
         for share in ("same", "each:2:0")
     ]
-    [panel] = swept_figure(results, "common_reward", ["reward"]).axes
+    [panel] = swept_figure(results, "common_reward", ["returns"]).axes
     dashes = [one for one in panel.collections if isinstance(one, LineCollection)]
     lengths = {
         float(np.ptp(path[:, 0])) for one in dashes for path in one.get_segments()
@@ -274,11 +274,11 @@ def test_a_reference_at_a_name_is_a_dash():
 
 def test_panels_share_the_length_of_the_axis_so_that_small_differences_look_small():
     results = [
-        with_reward(name, reward, penalty=penalty)
+        with_return(name, value, penalty=penalty)
         for name, falls in (("env1", (120.0, 30.0)), ("suny", (111.32, 111.30)))
-        for penalty, reward in zip(("0", "-100"), falls, strict=True)
+        for penalty, value in zip(("0", "-100"), falls, strict=True)
     ]
-    panels = swept_figure(results, "penalty", ["reward"]).axes
+    panels = swept_figure(results, "penalty", ["returns"]).axes
     lengths = [high - low for low, high in (axes.get_ylim() for axes in panels)]
     assert lengths[0] == pytest.approx(lengths[1]) and lengths[0] > 80
     panels = swept_figure(results, "penalty", ["miscoordinations"]).axes
@@ -287,9 +287,9 @@ def test_panels_share_the_length_of_the_axis_so_that_small_differences_look_smal
 
 def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
     results = [
-        with_reward(name, reward, penalty=penalty, learner="noncoop")
+        with_return(name, value, penalty=penalty, learner="noncoop")
         for name in ("env1", "suny")
-        for penalty, reward in (("0", 100.0), ("-100", 90.0))
+        for penalty, value in (("0", 100.0), ("-100", 90.0))
     ]
     figures = figures_of("figure4", results)
     said = figures["figure4"].legends[0].get_title().get_text()
@@ -308,7 +308,7 @@ def test_bars_of_the_papers_tables_are_spreads():
 
 
 def test_one_panel_is_wide_enough_for_its_legend():
-    results = [with_reward("env1", 100.0, penalty=p) for p in ("-1", "-2")]
+    results = [with_return("env1", 100.0, penalty=p) for p in ("-1", "-2")]
     figure = swept_figure(results, "penalty", ["asks"])
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)

@@ -33,7 +33,7 @@ from sparse_coord_ros.studies.report.analysis import (
     contradicts_itself,
     errors_from,
     gap_closed,
-    implied_reward,
+    implied_return,
     near_doorways,
     paired,
     surely_above,
@@ -41,7 +41,7 @@ from sparse_coord_ros.studies.report.analysis import (
 from sparse_coord_ros.studies.report.data import paper, to_csv
 from sparse_coord_ros.studies.report.document import findings, reproduction_page
 from sparse_coord_ros.studies.report.figures import value_and_bar
-from sparse_coord_ros.studies.report.sections import SECTIONS, reward_claims
+from sparse_coord_ros.studies.report.sections import SECTIONS, return_claims
 from sparse_coord_ros.studies.report.text import listed, size, to_markdown
 from sparse_coord_ros.studies.store import SUMS, Plan, open_results
 
@@ -133,27 +133,27 @@ def test_csv_has_one_value_a_field_in_full_precision(everything):
     ]
     result = made_up(experiment("table1").conditions[2])
     coop = table1[2]
-    assert float(coop["reward_mean"]) == result.measure("reward").mean
+    assert float(coop["returns_mean"]) == result.measure("returns").mean
     assert float(coop["asks_standard_error"]) == result.measure("asks").standard_error
-    assert float(coop["paper_reward_mean"]) == 126.3
+    assert float(coop["paper_returns_mean"]) == 126.3
     assert float(coop["dense_bytes"]) == 21 * 21 * 32
     assert coop["optimum_exact"] == "True"
-    assert [float(coop[f"reward_robot_{k}"]) for k in (1, 2)] == result.robot_means[
-        "reward"
+    assert [float(coop[f"returns_robot_{k}"]) for k in (1, 2)] == result.robot_means[
+        "returns"
     ]
-    assert coop["reward_robot_3"] == ""  # of env2-4r
+    assert coop["returns_robot_3"] == ""  # of env2-4r
     for own in rows.values():
         for r in own:
             assert not [value for value in r.values() if " " in value]
             assert set(SETTINGS) <= set(r)
-    assert rows["table3"][0]["paper_reward_mean"] == "111.2"
+    assert rows["table3"][0]["paper_returns_mean"] == "111.2"
 
 
 def test_the_paper_stands_beside_its_own_settings_only(everything):
     [figure4] = [part for part in everything.parts if part.name == "figure4"]
-    assert {r["paper_reward_mean"] for r in rows_of_csv(figure4.results)} == {""}
+    assert {r["paper_returns_mean"] for r in rows_of_csv(figure4.results)} == {""}
     other = result_of("env1", settings={"penalty": -20, "ask_cost": 2})
-    assert paper(other, "reward") is None
+    assert paper(other, "returns") is None
 
 
 def test_impossible_rows_of_the_paper_are_named(page):
@@ -168,7 +168,9 @@ def test_impossible_rows_of_the_paper_are_named(page):
     assert "exact joint optimum 121.89" in impossible[0]
     assert "equals, within its sampling error, the 126.45 of robots" in impossible[0]
     ours = (
-        made_up(make_condition("env1", "coop", {"penalty": -20})).measure("reward").mean
+        made_up(make_condition("env1", "coop", {"penalty": -20}))
+        .measure("returns")
+        .mean
     )
     assert row(part, "env1", "Coop.")[2:4] == [f"{ours:.2f}", "126.30"]
     assert "\n- cmu: cells and starts from public" in part
@@ -190,7 +192,7 @@ def test_impossible_means_surely_above_the_optimum(name, optimum, impossible):
 def test_a_row_that_contradicts_its_own_miscoordinations():
     assert contradicts_itself(result_of("env2-2r", "indiv"))
     assert contradicts_itself(result_of("env2-2r", "noncoop"))
-    assert implied_reward(result_of("env2-2r", "indiv")).mean == pytest.approx(
+    assert implied_return(result_of("env2-2r", "indiv")).mean == pytest.approx(
         109.47, abs=0.01
     )
     assert not contradicts_itself(result_of("env1", "indiv"))
@@ -233,7 +235,7 @@ def section(name, changes=(), conditions=None):
     )
 
 
-def rewards(*values):
+def returns(*values):
     return {"means": {name: list(values) for name in SUMS}}
 
 
@@ -268,7 +270,7 @@ def test_numbers_of_a_table_are_those_of_the_runs():
 
 def test_who_hardly_asks_is_named_with_what_there_is_to_gain():
     means = {
-        "reward": 119.0,
+        "returns": 119.0,
         "time_to_goal": 10.0,
         "asks": 0.01,
         "miscoordinations": 0.4,
@@ -293,11 +295,11 @@ def test_who_hardly_asks_is_named_with_what_there_is_to_gain():
     ],
 )
 def test_targets_are_met_or_not(coop, paths, told, met):
-    shortest = {"reward": paths, "time_to_goal": 10.0, "miscoordinations": 0.4}
+    shortest = {"returns": paths, "time_to_goal": 10.0, "miscoordinations": 0.4}
     better = max(paths, 100.0)
     same = {"optimum": 120.0, "reference": shortest}
     changes = {
-        make_condition("env1", learner, LONG).id: {**rewards(*values), **same}
+        make_condition("env1", learner, LONG).id: {**returns(*values), **same}
         for learner, values in (("noncoop", (100.0,) * 4), ("coop", coop))
     }
     changes[make_condition("env1", "coop", LONG).id]["not_arrived"] = [0, 2, 0, 0]
@@ -314,18 +316,18 @@ def test_targets_are_met_or_not(coop, paths, told, met):
 def test_coop_against_the_baselines_and_who_arrives():
     conditions = [*experiment("table1").conditions, *experiment("table3").conditions]
     changes = {
-        "cmu/coop/penalty=-20": rewards(20.0, 21.0, 20.0, 21.0),
-        "cmu/indiv/penalty=-20": rewards(22.0, 23.0, 22.0, 23.0),
-        "cmu/noncoop/penalty=-20": rewards(22.0, 23.0, 22.0, 23.0),
-        "mit/coop/penalty=-20": rewards(*[19.9] * 4),
-        "suny/coop/penalty=-20": rewards(*[23.0] * 4),
-        "env1/coop/penalty=-20": {**rewards(*[20.0] * 4), "not_arrived": [0, 6, 0, 0]},
+        "cmu/coop/penalty=-20": returns(20.0, 21.0, 20.0, 21.0),
+        "cmu/indiv/penalty=-20": returns(22.0, 23.0, 22.0, 23.0),
+        "cmu/noncoop/penalty=-20": returns(22.0, 23.0, 22.0, 23.0),
+        "mit/coop/penalty=-20": returns(*[19.9] * 4),
+        "suny/coop/penalty=-20": returns(*[23.0] * 4),
+        "env1/coop/penalty=-20": {**returns(*[20.0] * 4), "not_arrived": [0, 6, 0, 0]},
     }
     for one in conditions:
-        changes.setdefault(one.id, rewards(*[20.0] * 4))
+        changes.setdefault(one.id, returns(*[20.0] * 4))
     found = [made_up(one, **changes.get(one.id, {})) for one in conditions]
     elsewhere = {"crowd": [result_of("env1", "coop", not_arrived=[9, 9, 9, 0])]}
-    better, exact, arrived = reward_claims("Tables 1 and 3", found, elsewhere)
+    better, exact, arrived = return_claims("Tables 1 and 3", found, elsewhere)
     assert (better.holds, better.cases) == (1, 9)
     assert better.measured == (
         "than the better baseline it surely earns more in 1 of 9 (suny +3.00 (0.00)) scenarios, "
@@ -356,7 +358,7 @@ def test_loses_less_means_surely():
         for penalty in (0, -100):
             one = make_condition(name, learner, {"penalty": penalty, "steps": 10_000})
             conditions.append(one)
-            changes[one.id] = rewards(*(110.0 - x * (penalty < 0) for x in fall))
+            changes[one.id] = returns(*(110.0 - x * (penalty < 0) for x in fall))
     found = section("figure4", changes, conditions)
     assert verdicts(found.claims)[0] == (1, 2)
     line = row_of(found.table, scenario="env2-2r", steps="10^4")
@@ -370,7 +372,7 @@ def test_loses_less_means_surely():
 )
 def test_factored_falls_hardly_more_than_the_best_asking_team(fall, steps, verdict):
     """The best asking team of env1 loses 7.95 from penalty 0 to -100; 10^5 steps are judged."""
-    ends = {0: rewards(*[120.0] * 4), -100: rewards(*[120.0 - fall] * 4)}
+    ends = {0: returns(*[120.0] * 4), -100: returns(*[120.0 - fall] * 4)}
     conditions = [
         make_condition("env1", learner, {"penalty": penalty, "steps": steps})
         for learner in REPORTED_LEARNERS
@@ -382,7 +384,7 @@ def test_factored_falls_hardly_more_than_the_best_asking_team(fall, steps, verdi
 
 def test_factored_s_fall_is_judged_where_there_is_a_limit_and_a_loss():
     """At most 1.1 times 7.95 in env1; cit has no limit, suny no loss, env2-4r no such team."""
-    ends = {0: rewards(*[120.0] * 4), -100: rewards(*[112.0] * 4)}
+    ends = {0: returns(*[120.0] * 4), -100: returns(*[112.0] * 4)}
     conditions = [
         make_condition(name, learner, {"penalty": penalty, "steps": 10**5})
         for name in ("env1", "cit", "suny", "env2-4r")
@@ -401,7 +403,7 @@ def test_factored_s_fall_is_judged_where_there_is_a_limit_and_a_loss():
 
 
 def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
-    shortest = {"reward": 90.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
+    shortest = {"returns": 90.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
     earned = {
         0: 107.0,
         0.5: 107.0,
@@ -414,7 +416,7 @@ def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
     }
     changes = {
         one.id: {
-            **rewards(
+            **returns(
                 *[earned[one.scenario.ask_cost] if one.learner == "coop" else 102.0] * 4
             ),
             "reference": shortest,
@@ -427,9 +429,9 @@ def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
 
 
 def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
-    shortest = {"reward": 100.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
-    good = rewards(109.0, 110.0, 109.0, 110.0)
-    bad = rewards(99.0, 100.0, 99.0, 100.0)
+    shortest = {"returns": 100.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
+    good = returns(109.0, 110.0, 109.0, 110.0)
+    bad = returns(99.0, 100.0, 99.0, 100.0)
     good_at = {"env1": (0, 0.5, 1, 10), "env2-2r": (0.5, 1), "pentagon": (0, 10)}
     changes = {}
     for one in experiment("ask_cost").conditions:
@@ -441,7 +443,7 @@ def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
 
 def test_uneven_penalties_robot_by_robot():
     one = make_condition("env1", "coop", {**LONG, "common_reward": "each:1:0.5"})
-    means = {"reward": [111.0, 113.5], "asks": [0.75, 0.125]}
+    means = {"returns": [111.0, 113.5], "asks": [0.75, 0.125]}
     table = section("uneven", {one.id: {"robot_means": means}}).table
     line = row_of(table, scenario="env1", factors="1 : 0.5")
     assert line["asks, robot by robot"] == "0.75 : 0.12"
@@ -452,8 +454,8 @@ def test_gains_in_crowds_are_paired():
     base = make_condition("crowd-3r", "noncoop", LONG)
     alone = independent_bound(coop.scenario)
     changes = {
-        coop.id: rewards(*(alone - x for x in (2.0, 4.0, 2.0, 4.0))),
-        base.id: rewards(*(alone - x for x in (5.0, 7.0, 5.0, 7.0))),
+        coop.id: returns(*(alone - x for x in (2.0, 4.0, 2.0, 4.0))),
+        base.id: returns(*(alone - x for x in (5.0, 7.0, 5.0, 7.0))),
     }
     found = section("crowd", changes)
     line = row_of(found.table, robots="3")
@@ -510,10 +512,10 @@ def test_where_says_what_it_leaves_out_and_where_no_question_is_needed():
         asks = 0.01 if one.name == "suny" else 0.5
         paths = 143.19 if one.name == "isr" else 20.0
         change["means"] = {name: [asks] * 4 for name in SUMS} | {
-            "reward": [paths - 0.5] * 4
+            "returns": [paths - 0.5] * 4
         }
         change["reference"] = {
-            "reward": paths,
+            "returns": paths,
             "time_to_goal": 9.0,
             "miscoordinations": 0.1,
         }
@@ -628,7 +630,7 @@ def test_conditions_that_make_no_experiment_are_told_too(tmp_path):
     [
         ("miscoordinations", "spread", 0.2),
         ("asks", "standard_error", 0.2),
-        ("reward", "spread", 0.5),
+        ("returns", "spread", 0.5),
     ],
 )
 def test_bars_end_at_zero_where_nothing_is_below(name, bars, low):

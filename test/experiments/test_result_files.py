@@ -89,7 +89,7 @@ def less(data, *place):
 
 
 R = "result"
-SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
+SUMS = ("returns", "time_to_goal", "asks", "miscoordinations")
 NUMBERS = {
     **{
         f"{group} of {name}": (R, group, name, 1)
@@ -98,7 +98,7 @@ NUMBERS = {
     },
     **{f"exact {name}": (R, "exact", name, 0) for name in (*SUMS, "arrived")},
     **{f"reference {name}": (R, "reference", name) for name in (*SUMS[:2], SUMS[3])},
-    **{f"robots' {name}": (R, "robot_means", name, 1) for name in ("reward", "asks")},
+    **{f"robots' {name}": (R, "robot_means", name, 1) for name in ("returns", "asks")},
     **{name: (R, name, 0) for name in ("not_arrived", "visited")},
     **{name: (R, name, 1, 4) for name in ("asked", "stays")},
     "optimum": (R, "optimum"),
@@ -107,22 +107,22 @@ NUMBERS = {
 """Every kind of number that a file has, and where."""
 
 WRONG_FORM = {
-    "NaN": lambda d: changed(d, R, "means", "reward", 0, to=float("nan")),
-    "infinite": lambda d: changed(d, R, "exact", "reward", 1, to=float("-inf")),
+    "NaN": lambda d: changed(d, R, "means", "returns", 0, to=float("nan")),
+    "infinite": lambda d: changed(d, R, "exact", "returns", 1, to=float("-inf")),
     "too large for a float": lambda d: changed(d, R, "optimum", to=10**400),
     "negative variance": lambda d: changed(d, R, "variances", "asks", 0, to=-1.0),
     "negative asks": lambda d: changed(d, R, "asked", 0, 3, to=-1.0),
     "more arrive than all": lambda d: changed(d, R, "exact", "arrived", 0, to=1.5),
     "fewer arrive than none": lambda d: changed(d, R, "not_arrived", 0, to=4),
     "half a trial": lambda d: changed(d, R, "not_arrived", 0, to=0.5),
-    "text for a number": lambda d: changed(d, R, "means", "reward", 0, to="12"),
+    "text for a number": lambda d: changed(d, R, "means", "returns", 0, to="12"),
     "truth for a number": lambda d: changed(d, R, "optimum", to=True),
     "number for a truth": lambda d: changed(d, R, "optimum_exact", to=1),
     "number for a list": lambda d: changed(d, R, "visited", to=3.0),
     "number for an object": lambda d: changed(d, R, "means", to=3.0),
     "null for an object": lambda d: changed(d, R, "variances", to=None),
     "null for a number": lambda d: changed(d, R, "means", "asks", 0, to=None),
-    "three values for two runs": lambda d: more(d, R, "means", "reward"),
+    "three values for two runs": lambda d: more(d, R, "means", "returns"),
     "three exact values": lambda d: more(d, R, "exact", "arrived"),
     "three visited": lambda d: more(d, R, "visited"),
     "three robots": lambda d: more(d, R, "stays"),
@@ -131,7 +131,7 @@ WRONG_FORM = {
     "one run": lambda d: less(d, R, "not_arrived", 0),
     "one robot": lambda d: less(d, R, "asked", 0),
     "no means": lambda d: less(d, R, "means"),
-    "no mean reward": lambda d: less(d, R, "means", "reward"),
+    "no mean return": lambda d: less(d, R, "means", "returns"),
     "no exact arrivals": lambda d: less(d, R, "exact", "arrived"),
     "no reference": lambda d: less(d, R, "reference"),
     "no condition": lambda d: less(d, "condition"),
@@ -158,7 +158,7 @@ AS_TEXT = {
     "nested deeply": lambda text: "[" * 100_000,
     "no UTF-8": lambda text: "\udcff" + text,
     "a key twice": lambda text: text.replace('"seed"', '"seed": 5, "seed"', 1),
-    "no format": lambda text: text.replace('"format": 3, ', ""),
+    "no format": lambda text: text.replace('"format": 4, ', ""),
     "no digest": lambda text: text.replace('"digest"', '"fun"'),
     "other digest": lambda text: text.replace('"digest": "', '"digest": "0', 1),
     "learner renamed": lambda text: text.replace("coop", "noncoop"),
@@ -177,7 +177,7 @@ def signed(path, change):
     try:
         path.write_text(to_text(content))
     except ValueError:
-        path.write_text(json.dumps({"format": 3, **content}))
+        path.write_text(json.dumps({"format": 4, **content}))
 
 
 def is_refused(folder, capsys, name):
@@ -250,7 +250,9 @@ def test_what_has_not_the_form_is_not_shown(folder, originals, capsys, change, w
 REFERENCES = {
     "optimum": lambda d: changed(d, R, "optimum", to=130.0),
     "optimum_exact": lambda d: changed(d, R, "optimum_exact", to=False),
-    "reward of shortest paths": lambda d: changed(d, R, "reference", "reward", to=90.0),
+    "returns of shortest paths": lambda d: changed(
+        d, R, "reference", "returns", to=90.0
+    ),
 }
 
 
@@ -301,13 +303,13 @@ def test_files_that_changed_places_are_both_computed_again(folder, originals):
     assert (one.read_text(), other.read_text()) == texts
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 4])
+@pytest.mark.parametrize("number", [0, 1, 2, 3, 5])
 def test_another_format_is_refused_by_all(folder, capsys, number):
     path = file_of(folder)
-    path.write_text(path.read_text().replace('"format": 3', f'"format": {number}'))
+    path.write_text(path.read_text().replace('"format": 4', f'"format": {number}'))
     before = path.read_bytes()
     line = is_refused(folder, capsys, f"{COOP}.json")
-    assert f"is in format {number}, this version reads format 3; " in line
+    assert f"is in format {number}, this version reads format 4; " in line
     with pytest.raises(ResultsError, match=f"is in format {number}"):
         run_experiment([COOP], out=folder, seed=PLAN.seed, **FEW)
     assert path.read_bytes() == before
@@ -476,7 +478,7 @@ def test_a_condition_s_file_says_what_it_is_of(folder):
     content = json.loads(file_of(folder).read_text())
     assert list(content)[:2] == ["digest", "format"]
     assert (content["format"], content["condition"], content["scenario"]) == (
-        3,
+        4,
         COOP,
         None,
     )

@@ -41,7 +41,7 @@ def made_up(seed):
     stays = np.zeros((2, 21), dtype=np.int64)
     stays[1, 4] = 20 + seed
     trials = Trials(
-        reward=draw.normal(120, 10, shape),
+        returns=draw.normal(120, 10, shape),
         time_to_goal=draw.normal(10, 1, shape),
         asks=draw.normal(1, 0.1, shape),
         arrived=arrived,
@@ -74,11 +74,11 @@ def result():
 
 
 def test_mean_spread_and_standard_error(result):
-    rewards = np.stack([made_up(seed).trials.reward for seed in PLAN.seeds])
-    measure = result.measure("reward")
-    assert measure.mean == pytest.approx(rewards.mean())
-    assert measure.spread == pytest.approx(rewards.std())
-    runs = rewards.mean(axis=(1, 2))
+    returns = np.stack([made_up(seed).trials.returns for seed in PLAN.seeds])
+    measure = result.measure("returns")
+    assert measure.mean == pytest.approx(returns.mean())
+    assert measure.spread == pytest.approx(returns.std())
+    runs = returns.mean(axis=(1, 2))
     assert measure.standard_error == pytest.approx(runs.std(ddof=1) / math.sqrt(3))
     conflicts = np.stack([made_up(seed).trials.miscoordinations for seed in PLAN.seeds])
     assert result.measure("miscoordinations").spread == pytest.approx(conflicts.std())
@@ -96,7 +96,7 @@ def test_arrival_sparsity_and_where_robots_asked(result):
     assert np.array(result.stays).sum() == result.stays[1][4]
     assert result.optimum == pytest.approx(121.89, abs=0.01)
     assert result.optimum_exact
-    assert result.reference["reward"] == pytest.approx(119.68, abs=0.01)
+    assert result.reference["returns"] == pytest.approx(119.68, abs=0.01)
 
 
 def test_a_team_fails_where_some_robot_misses_more_than_one_trial_in_a_thousand(result):
@@ -106,7 +106,7 @@ def test_a_team_fails_where_some_robot_misses_more_than_one_trial_in_a_thousand(
 
 def test_each_robot_has_its_own_means(result):
     trials = [made_up(seed).trials for seed in PLAN.seeds]
-    for name in ("reward", "asks"):
+    for name in ("returns", "asks"):
         values = np.concatenate([getattr(one, name) for one in trials])
         assert result.robot_means[name] == pytest.approx(values.mean(axis=0))
         assert np.mean(result.robot_means[name]) == pytest.approx(
@@ -161,8 +161,8 @@ def test_another_format_of_the_manifest_is_refused(tmp_path):
     with open_results(tmp_path, PLAN):
         pass
     manifest = tmp_path / "results.json"
-    manifest.write_text(manifest.read_text().replace('"format": 3', '"format": 1'))
-    words = "results.json: is in format 1, this version reads format 3; make it anew"
+    manifest.write_text(manifest.read_text().replace('"format": 4', '"format": 1'))
+    words = "results.json: is in format 1, this version reads format 4; make it anew"
     with pytest.raises(ResultsError, match=words), open_results(tmp_path, PLAN):
         pass
 
@@ -203,7 +203,7 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
 
 
 @pytest.mark.parametrize(
-    "damage", ["", "[1]", "{", "[" * 100_000, '{"format": 3, "seed": 1e999}']
+    "damage", ["", "[1]", "{", "[" * 100_000, '{"format": 4, "seed": 1e999}']
 )
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)

@@ -34,13 +34,13 @@ from sparse_coord_ros.studies.runner import run_experiment
 from sparse_coord_ros.studies.store import SUMS
 
 
-def learned(name, learner="factored", *, asks=0.5, reward=None, failed=(), **settings):
+def learned(name, learner="factored", *, asks=0.5, returns=None, failed=(), **settings):
     """Return a made-up result with four runs that ask and earn so much."""
     condition = make_condition(name, learner, {**WHEN, "penalty": -100, **settings})
     means_of = {measure: [1.0] * 4 for measure in SUMS}
     means_of["asks"] = [asks] * 4
-    if reward is not None:
-        means_of["reward"] = [reward] * 4
+    if returns is not None:
+        means_of["returns"] = [returns] * 4
     not_arrived = [50 if run in failed else 0 for run in range(4)]
     return made_up(condition, means=means_of, not_arrived=not_arrived)
 
@@ -58,7 +58,7 @@ def test_a_point():
     paths = shortest_path_reference(
         make_condition("env1", "coop", {"penalty": -100}).scenario
     )
-    result = learned("env1", reward=paths.reward + 14.0, ask_cost=2, failed=(1,))
+    result = learned("env1", returns=paths.returns + 14.0, ask_cost=2, failed=(1,))
     point = points([result]).iloc[0]
     assert point["line"] == FACTORED and point["robots"] == 2
     assert point["ratio"] == pytest.approx(33.857 / 2, abs=1e-3)
@@ -101,7 +101,7 @@ def test_a_pair_of_factored_stands_beside_asking_always_and_the_best_asking_team
     found = points([learned("env1")]).set_index("line")
     team = shipped_asking_team(learned("env1").scenario)
     paths = shortest_path_reference(learned("env1").scenario)
-    assert found.loc[BEST_ASKING, "gained"] == pytest.approx(team.value - paths.reward)
+    assert found.loc[BEST_ASKING, "gained"] == pytest.approx(team.value - paths.returns)
     assert 1.0 < found.loc[BEST_ASKING, "questions"] < 3.0
     # About 9 steps, discounted, in each of which a robot asks.
     optimum = found.loc[ALWAYS, "gap"]
@@ -164,7 +164,7 @@ def some_results():
         for name in ("env1", "isr", "unseen1-doors-2r-1"):
             asks = 2.0 if name == "env1" and penalty == -100 else 0.0
             best = result_of(name, "factored", {"penalty": penalty}).optimum
-            earned = {"penalty": penalty, "reward": best - 0.1}
+            earned = {"penalty": penalty, "returns": best - 0.1}
             for cost in (1, 5):
                 found.append(learned(name, asks=asks, ask_cost=cost, **earned))
             found.append(learned(name, "coop", asks=1.5, **earned))

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Damaged and forged input for everything that reads what others wrote.
+"""Damaged and forged input for all readers of untrusted input.
 
 PYTHONPATH=.:test python -m fuzz TARGET... [--seconds N] [--seed S] [--case I]
 

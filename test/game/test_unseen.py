@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The unseen buildings: the same for ever, sound, and named so that nobody mistakes them."""
+"""The unseen buildings: they never change, are sound, and have unambiguous names."""
 
 import hashlib
 import json

@@ -23,12 +23,12 @@ def test_sure_moves_by_hand(make):
     """Both enter the doorway of 1..D..2 at step 3 and arrive at step 6."""
     scenario = make(move_success=1)
     result = summary(play(scenario, walking(scenario), trials=3, seed=0))
-    assert result.reward.mean == pytest.approx(
+    assert result.returns.mean == pytest.approx(
         200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12
     )
     assert result.miscoordinations.mean == 1
     assert result.time_to_goal.mean == 6
-    assert result.reward.spread == pytest.approx(0, abs=1e-9)
+    assert result.returns.spread == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize("perception", ["always", "never", "probability:0.5"])
@@ -38,7 +38,7 @@ def test_asking_every_step_by_hand(make, perception):
     tables = walking(scenario, coordinate=1e9)
     result = summary(play(scenario, tables, trials=3, seed=0))
     costs = 0.5 * sum(GAMMA**t for t in range(5))
-    assert result.reward.mean == pytest.approx(200 * GAMMA**4 - costs, rel=1e-12)
+    assert result.returns.mean == pytest.approx(200 * GAMMA**4 - costs, rel=1e-12)
     assert result.asks.mean == 5
     assert result.time_to_goal.mean == 5
     trials = play(scenario, tables, trials=3, seed=0)
@@ -95,9 +95,9 @@ def test_the_standard_error_is_that_of_independent_trials():
     )
     result = summary(trials)
     expected = statistics.stdev(means) / math.sqrt(3)
-    assert result.reward.standard_error == pytest.approx(expected, rel=1e-12)
+    assert result.returns.standard_error == pytest.approx(expected, rel=1e-12)
     assert result.miscoordinations.standard_error == pytest.approx(expected, rel=1e-12)
-    assert result.reward.spread == pytest.approx(
+    assert result.returns.spread == pytest.approx(
         statistics.pstdev(values.ravel()), rel=1e-12
     )
     assert result.miscoordinations.spread == pytest.approx(

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that fit their digest, but were made by somebody else: refused, or they can be used."""
+"""Forged files with a right digest are refused, or are safe to use."""
 
 import io
 import json

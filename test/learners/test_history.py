@@ -49,7 +49,7 @@ def test_what_is_counted():
     assert history.first_step.tolist() == [1, 8, 11]
     assert history.length.tolist() == [3, 1, 1]
     # Robot 2 pays for the first meeting; at the second it has arrived and receives nothing.
-    assert history.reward.tolist() == [[0.0, 4.0], [-1.0, -1.0], [0.0, 0.0]]
+    assert history.returns.tolist() == [[0.0, 4.0], [-1.0, -1.0], [0.0, 0.0]]
     assert history.miscoordinations.tolist() == [2, 0, 0]
     assert history.asks.tolist() == [[0, 1], [1, 1], [0, 0]]
     assert history.arrived.tolist() == [[True, True], [False, False], [False, False]]
@@ -104,9 +104,9 @@ def test_curves():
     history = recorded().history()
     steps, lengths = history.curve("length")
     assert (steps.tolist(), lengths.tolist()) == ([1, 8, 11], [3, 1, 1])
-    steps, rewards = history.curve("reward", 2)
-    assert (steps.tolist(), rewards.tolist()) == ([8, 11], [0.5, -0.5])
-    assert history.curve("reward", 3, robot=2)[1].tolist() == [1.0]
+    steps, returns = history.curve("returns", 2)
+    assert (steps.tolist(), returns.tolist()) == ([8, 11], [0.5, -0.5])
+    assert history.curve("returns", 3, robot=2)[1].tolist() == [1.0]
     assert history.curve("arrived", 99)[1].tolist() == [1 / 3]
     assert history.curve("miscoordinations", robot=1)[1].tolist() == [2, 0, 0]
     for arguments in (("speed",), ("asks", 0)):
@@ -127,10 +127,10 @@ def test_curves_of_robots_that_learned_alone():
             recorder.add(episode, 1 + 10 * episode + k, actions, told)
         parts.append(recorder.history())
     history = concatenated(parts)
-    assert history.curve("reward", robot=2)[1].tolist() == [-2.0] * 3
-    steps, rewards = history.curve("reward")
+    assert history.curve("returns", robot=2)[1].tolist() == [-2.0] * 3
+    steps, returns = history.curve("returns")
     assert steps.tolist() == [1, 2, 11, 12, 21, 22]
-    assert rewards.tolist() == [-1.0, -2.0] * 3
+    assert returns.tolist() == [-1.0, -2.0] * 3
     frame = history.to_pandas()
     assert frame["robot"].tolist() == [1, 1, 1, 2, 2, 2]
 
@@ -144,7 +144,7 @@ def test_data_frame():
         "first_step": 1,
         "length": 3,
         "robot": "b",
-        "reward": 4.0,
+        "returns": 4.0,
         "asks": 1,
         "arrived": True,
         "miscoordinations": 2,

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot is said to remember is checked wherever it enters: a run must have made it."""
+"""Memories of robots are checked wherever they enter: a run must have made them."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What keeps teams from jamming: they leave stand-offs, share a surplus, keep some worth."""
+"""Rules against jams: teams leave stand-offs, share a surplus, keep some value."""
 
 import numpy as np
 import pytest

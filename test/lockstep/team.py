@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A whole team without ROS: processes that die and come back, over a network that is no better.
+"""A whole team without ROS: processes that die and come back, over an unreliable network.
 
 Every process runs the state machines that the nodes run. Topics are FIFO queues, one for each
 publisher; which is served next is drawn. A process hears what is published while it is there, and

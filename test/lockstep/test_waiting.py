@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What robots and recorders believe of the world, and how long they wait for it."""
+"""Robots' and recorders' knowledge of the world, and the time that they wait for it."""
 
 import pytest
 

@@ -118,7 +118,7 @@ def test_of_equal_episodes_the_shortest_then_the_latest():
     history = History(
         first_step=np.arange(5),
         length=np.array([9, 5, 5, 4, 7]),
-        reward=np.ones((5, 2)),
+        returns=np.ones((5, 2)),
         miscoordinations=np.zeros(5),
         asks=asks,
         arrived=np.array([[True, True]] * 3 + [[True, False], [True, True]]),

@@ -61,15 +61,15 @@ def test_arrows_and_rings_are_the_policy(trained):
 def test_curves_are_the_history(trained):
     shown = open_run(trained)
     figure = figures.runs_figure([shown], ["curves"])
-    length, reward, *_ = all_axes(figure)
+    length, returns, *_ = all_axes(figure)
     dots, mean = length.lines
     np.testing.assert_array_equal(dots.get_ydata(), shown.history.length)
     window = int(mean.get_label().removeprefix("mean of ").removesuffix(" episodes"))
     np.testing.assert_array_equal(
         mean.get_ydata(), shown.history.curve("length", window)[1]
     )
-    assert [line.get_label() for line in reward.lines] == ["robot_1", "robot_2"]
-    assert len({line.get_linestyle() for line in reward.lines}) == 2
+    assert [line.get_label() for line in returns.lines] == ["robot_1", "robot_2"]
+    assert len({line.get_linestyle() for line in returns.lines}) == 2
 
 
 def test_the_panels_fill_the_canvas(trained):

@@ -60,7 +60,7 @@ def test_the_page_of_a_bag_is_whole_and_self_contained(page):
 def test_its_numbers_are_those_of_the_log(page, bag):
     shown = open_run(bag)
     exact = evaluate_exact(shown.config.scenario, shown.tables, learner="coop")
-    assert f"<td>{exact.reward.mean:.2f} ± {exact.reward.spread:.2f}</td>" in page
+    assert f"<td>{exact.returns.mean:.2f} ± {exact.returns.spread:.2f}</td>" in page
     for words in (
         "exact joint optimum",
         "121.89",

@@ -205,7 +205,7 @@ def test_parts_without_a_robot_are_left_out():
         plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (2.0, 3.0))]
     )
     assert len(left.grid.cells) == both.parts[0]
-    assert "those without a robot are walls now" in left.notes[0]
+    assert "parts without a robot became walls" in left.notes[0]
     apart = import_map(
         plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (5.0, 3.0))]
     )

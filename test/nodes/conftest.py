@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the ROS tests share: nodes on executors of the test's own, processes, and tidiness."""
+"""Fixtures of the ROS tests: nodes on executors of the test's own, processes, clean-up."""
 
 import functools
 import os

@@ -78,7 +78,7 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
         f"waiting for robot_1, robot_2 at step {world.lockstep.world.step} (1 s)"
         in text
     )
-    assert "going on without" not in text
+    assert "continuing without" not in text
 
 
 def test_the_team_ends_when_the_world_fails(bench, tmp_path):

@@ -83,7 +83,7 @@ def test_it_says_that_its_world_is_silent(node):
     node.look_for_the_world(now)
     assert said == []
     node.look_for_the_world(now + 4.0)
-    assert said == ["a word of the world"]
+    assert said == ["a message of the world"]
 
 
 def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(
@@ -130,7 +130,7 @@ def test_a_recorder_that_goes_on_says_what_it_waits_for(
         recorder.tick()
         recorder.tick()
         said = capfd.readouterr().err
-        assert "waiting for the world to say from where the run goes on (" in said
+        assert "waiting for the world to announce where the run continues (" in said
         order = Order("back", 0, 1)
         say(recorder, "first", RunState.RESUMING, 0, 0, 0, "", order)
         recorder.tick()

@@ -204,9 +204,7 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
         "it is seen",
     )
     answer = observer.call(SetBool, "world_simulator/halt", HALT)
-    assert answer.message.endswith(
-        "told, but not yet confirmed by the drivers of robot_1"
-    )
+    assert answer.message.endswith("not yet confirmed by the drivers of robot_1")
     before = len(heard)
     bench.spin_until(lambda: len(heard) > before + 2, "said again")
     said = dict(zip(heard[-1].name, heard[-1].position, strict=True))
@@ -280,7 +278,7 @@ def test_the_page_says_who_does_not_answer(bench, team):
     )
     bench.spin_until(lambda: "deaf" in page.controls.halting.asked, "it is found")
     page.controls.control(Control(HALTING, True))
-    silent = "deaf: does not answer, its body may be moving"
+    silent = "deaf: does not answer; its body may be moving"
     bench.spin_until(
         lambda: (board.get("halting") or {}).get("said") == silent, "who is left"
     )
@@ -394,13 +392,13 @@ def test_where_no_team_is_the_command_ends_with_one_line(
     monkeypatch.setattr(halting, "ASK_SECONDS", 0.5)
     assert sparse_coord(["halt", "--namespace", "nowhere"]) == 2
     [line] = capfd.readouterr().err.splitlines()
-    what = "error: no world with bodies and no driver is in namespace /nowhere; "
+    what = "error: there is no world with bodies and no driver in namespace /nowhere; "
     assert line.startswith(what)
 
 
 @pytest.mark.long
 def test_the_buttons_of_the_page(processes, start):
-    """The first one stops, however often it is pressed; only the second one lets them go on."""
+    """The first one stops, however often it is pressed; only the second one lets them continue."""
     page = start("cli.main", "watch", "--port", "0")
     page.wait_for("watch it at ")
     state = "document.getElementById('state').dataset.state"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever arrives on a topic: nobody dies, nothing learned changes, and it is counted."""
+"""Nodes survive any message on a topic, learn nothing from it, and count it."""
 
 import os
 import signal
@@ -44,7 +44,7 @@ NAMES = ("robot_1", "robot_2")
 
 
 class Attacker:
-    """Publishes what it likes on the topics of a team."""
+    """Publishes arbitrary messages on the topics of a team."""
 
     def __init__(self, bench, namespace=""):
         self.node = bench.observer(namespace)
@@ -52,7 +52,7 @@ class Attacker:
         self._publishers = {}
 
     def say(self, topic, data, owner=""):
-        """Publish once somebody of the team hears it."""
+        """Publish once a node of the team subscribes."""
         name = topic.of(owner) if owner else topic.name
         if name not in self._publishers:
             self._publishers[name] = self.node.create_publisher(
@@ -131,7 +131,7 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
 
 
 class Faulty(ParameterNode):
-    """A node whose timer does what nobody expected."""
+    """A node whose timer raises an unexpected error."""
 
     def __init__(self, context, error, executor):
         table = SettingTable([PARAMETERS["robot"]["executor"]])

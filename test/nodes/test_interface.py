@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What others see of a team: topics, services, QoS and values, as the design tells them."""
+"""The interface of a team: topics, services, QoS and values, as documented."""
 
 import json
 from types import SimpleNamespace

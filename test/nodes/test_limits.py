@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages have limits, which the largest team's stay below and beyond which nothing is read."""
+"""Limits of messages: the largest team's stay below them, larger ones are not read."""
 
 import io
 import time

@@ -160,7 +160,11 @@ REFUSED = [
     (WORLD, ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
     (WORLD, ["scenario:=env1", "set:=[steps=0]"], "setting steps: value is '0'"),
     (WORLD, ["scenario:=env1", "learner:=indiv"], "with one robot at a time; allowed"),
-    (WORLD, ["scenario:=env1", "learner:=joint"], "from what all robots see and do;"),
+    (
+        WORLD,
+        ["scenario:=env1", "learner:=joint"],
+        "from the cells and actions of all robots;",
+    ),
     (WORLD, ["scenario:=env1", "improve:=true"], "learner coop keeps no model"),
     (
         WORLD,
@@ -253,7 +257,7 @@ def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capf
     assert not answer(SetParametersAtomically, parameters=many).result.successful
     assert world.values["rate"] == 0.0 and world.failure is None
     assert world.subscriber.dropped.total() == len(world.subscriber.dropped) == 6
-    text = "get_parameters: 1,001 parameters in one request, allowed: 1,000; request refused"
+    text = "get_parameters: 1,001 parameters in one request; allowed: 1,000; request refused"
     assert text in capfd.readouterr().err
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whom a team waits for, and how long: the parameters over ROS 2."""
+"""The parameters of waiting and timeouts, over ROS 2."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def team(bench):
         ({"lost_robot": "end"}, r"lost_robot: step \d+: robot_2 gone or silent"),
         (
             {"lost_robot": "wait", "lost_timeout": 1.0},
-            r"lost_timeout: step \d+: the world has stood still for 1 s for robot_2",
+            r"lost_timeout: step \d+: the world has waited for 1 s for robot_2",
         ),
     ],
 )

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recorder in its run: what it takes down, whom it waits for, when it has obeyed."""
+"""A recorder in its run: its messages, its waiting, its obeying of orders."""
 
 from contextlib import ExitStack
 from dataclasses import replace

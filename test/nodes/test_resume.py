@@ -221,7 +221,7 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     made.ears["robot_2"](Progress("life 2", its_step, its_step, resumed=True))
     assert made.counted["robot_steps_lost"] == lost
     [line] = made.lines
-    assert f"until step {its_step}: the team goes on, {lost} time steps" in line
+    assert f"until step {its_step}: the team continues, {lost} time steps" in line
 
 
 def test_the_team_goes_on_without_who_does_not_obey_in_time():
@@ -234,7 +234,7 @@ def test_the_team_goes_on_without_who_does_not_obey_in_time():
     assert not made.gone_on
     team.look(100.0 + made.timeout, all_listen=lambda: False)
     assert made.gone_on
-    assert made.lines == ["robot_2 did not obey; going on without"]
+    assert made.lines == ["robot_2 did not obey; continuing without them"]
 
 
 @pytest.mark.long

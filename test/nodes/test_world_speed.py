@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast a world goes, and whom it waits for: counted with a clock of the test's own."""
+"""The speed of a world and its waiting, measured with the test's own clock."""
 
 from types import SimpleNamespace
 

@@ -188,7 +188,7 @@ def test_a_killed_world_is_an_open_question(record, rewritten, tmp_path, lost):
     found = verify(rewritten(stopped.bag, tmp_path / "bag", change, attach))
     assert found.cannot_tell, found.differences
     [loss] = found.log.losses
-    assert loss.endswith("the world does not say how the run ended")
+    assert loss.endswith("the world does not show how the run ended")
     assert len(found.unknown) == 1 and found.steps > 200
 
 

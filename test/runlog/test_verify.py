@@ -502,7 +502,7 @@ def test_a_world_that_does_not_say_how_the_run_ended(alter):
     found = alter(without_last("/status"))
     [unknown] = found.unknown
     assert found.cannot_tell and unknown.last is None
-    assert "the world does not say how the run ended" in unknown.why
+    assert "the world does not show how the run ended" in unknown.why
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def test_where_robots_help_the_gain_is_up_to_the_optimum():
     scenario = load_scenario("lift")
     found = advice(scenario)
     assert (found.kind, found.loss) == (WILL_PAY, 0.0)
-    paths = shortest_path_reference(scenario).reward
+    paths = shortest_path_reference(scenario).returns
     assert found.gain == pytest.approx(joint_optimum(scenario).value - paths)
     assert (
         f"a team can gain {found.gain:.2f} each, as much as 4.7 questions" in found.text

@@ -66,8 +66,8 @@ def misses(scenario, tables):
             )
 
     for k in range(len(tables)):
-        compare(f"reward of robot {k}", found.robots[k], trials.reward[:, k])
-    for name in ("reward", "time_to_goal", "asks", "miscoordinations"):
+        compare(f"return of robot {k}", found.robots[k], trials.returns[:, k])
+    for name in ("returns", "time_to_goal", "asks", "miscoordinations"):
         samples = getattr(trials, name).reshape(TRIALS, -1)
         measure = getattr(found, name)
         compare(name, measure.mean, samples.mean(axis=1))
@@ -138,15 +138,17 @@ def test_one_robot_is_negative_binomial(horizon):
     assert found.time_to_goal.spread == pytest.approx(
         math.sqrt(chance @ times**2 + late * horizon**2 - mean**2), rel=1e-9
     )
-    assert found.reward.mean == pytest.approx(chance @ worth, rel=1e-12)
-    assert found.reward.spread == pytest.approx(
+    assert found.returns.mean == pytest.approx(chance @ worth, rel=1e-12)
+    assert found.returns.spread == pytest.approx(
         math.sqrt(chance @ worth**2 - (chance @ worth) ** 2), rel=1e-9
     )
     assert found.all_arrived == pytest.approx(1 - late, rel=1e-12)
     assert (found.miscoordinations.mean, found.asks.mean) == (0, 0)
     if horizon == 1000:
         factor = p / (1 - GAMMA * (1 - p))
-        assert found.reward.mean == pytest.approx(200 * factor**5 * GAMMA**4, rel=1e-12)
+        assert found.returns.mean == pytest.approx(
+            200 * factor**5 * GAMMA**4, rel=1e-12
+        )
         assert found.time_to_goal.spread == pytest.approx(
             math.sqrt(5 * 0.2) / 0.8, rel=1e-9
         )
@@ -159,7 +161,7 @@ def test_one_robot_that_asks_nobody():
     # North is a wall; no peer is perceived, so it is not used.
     tables[0] = tables_from_values(scenario, 0, tables[0].q_star, north)
     found = evaluate_exact(scenario, tables)
-    assert found.reward.mean == pytest.approx(200 * GAMMA - 1 - GAMMA, rel=1e-12)
+    assert found.returns.mean == pytest.approx(200 * GAMMA - 1 - GAMMA, rel=1e-12)
     assert found.asks.mean == 2
 
 
@@ -167,7 +169,7 @@ def test_the_step_of_the_last_arrival_counts():
     """Both goals are the doorway's cell: the step that ends in it is a miscoordination."""
     scenario = made("1D2", {"a": (1, [0, 1]), "b": (2, [0, 1])}, move_success=1)
     found = evaluate_exact(scenario, walking(scenario))
-    assert found.reward.mean == pytest.approx(200 - 20, rel=1e-12)
+    assert found.returns.mean == pytest.approx(200 - 20, rel=1e-12)
     assert (found.miscoordinations.mean, found.all_arrived) == (1, 1)
 
 
@@ -216,10 +218,11 @@ def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
     scenario = made()
     tables = undecided(scenario)
     found = evaluate_exact(scenario, tables, learner=Stubborn())
-    assert found.reward.mean != evaluate_exact(scenario, tables).reward.mean
+    assert found.returns.mean != evaluate_exact(scenario, tables).returns.mean
     played = summary(play(scenario, tables, trials=300, seed=1, learner=Stubborn()))
     assert (
-        abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
+        abs(found.returns.mean - played.returns.mean)
+        < 4 * played.returns.standard_error
     )
 
 
@@ -257,7 +260,7 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
     [run] = run_batch(scenario, learner, [7], trials=2, **how)
     found = evaluate_exact(scenario, run.tables, learner=learner)
     means = run.exact
-    assert tuple(means.reward) == found.robots
+    assert tuple(means.returns) == found.robots
     assert means.time_to_goal.mean() == found.time_to_goal.mean
     assert means.asks.mean() == found.asks.mean
     assert means.miscoordinations == found.miscoordinations.mean

@@ -149,10 +149,10 @@ def test_robots_that_have_all_arrived_in_a_doorway_pay_no_more(
     scenario = make(grid, robots, interactions=interactions, move_success=move_success)
     optimum = joint_optimum(scenario)
     reference = shortest_path_reference(scenario)
-    assert optimum.value >= reference.reward - 1e-9
+    assert optimum.value >= reference.returns - 1e-9
     if move_success == 1 and interactions == "together":
         # one step ends with both in there
-        assert reference.reward == pytest.approx(200 - 20)
+        assert reference.returns == pytest.approx(200 - 20)
         # Better: the second comes later, and the penalty then is worth less; it is paid once.
         later = max(100 + (100 - 20) * GAMMA**wait for wait in range(400))
         assert optimum.value == pytest.approx(max(later, 180), abs=1e-6)

@@ -16,7 +16,7 @@ from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
 GAMMA = 0.95
 
-# Ties at random: reward at penalty -20 and -100, miscoordinations of a trial.
+# Ties at random: return at penalty -20 and -100, miscoordinations of a trial.
 RANDOM = {
     "cit": (111.175895976, 110.580073971, 0.010416929),
     "cmu": (27.018655219, 18.263873170, 0.280366500),
@@ -49,13 +49,13 @@ def test_golden_values(name, keep_right):
     at_20, at_100, steps = {**RANDOM, **SAME}[name] if keep_right else RANDOM[name]
     scenario = load_scenario(name)
     reference = shortest_path_reference(scenario, keep_right=keep_right)
-    assert reference.reward == pytest.approx(at_20, abs=2e-9)
+    assert reference.returns == pytest.approx(at_20, abs=2e-9)
     assert reference.miscoordinations == pytest.approx(steps, abs=2e-9)
     assert reference.time_to_goal == pytest.approx(MOVES[name] / 0.8, rel=1e-12)
     dearer = shortest_path_reference(
         scenario.with_settings({"penalty": -100}), keep_right=keep_right
     )
-    assert dearer.reward == pytest.approx(at_100, abs=2e-9)
+    assert dearer.returns == pytest.approx(at_100, abs=2e-9)
     assert dearer.miscoordinations == reference.miscoordinations
 
 
@@ -85,7 +85,7 @@ def test_unequal_shares_of_the_penalty(make):
     """r^C of one robot is -40, of the other 0: on average as if both paid -20."""
     scenario = make("1D2", move_success=1, common_reward="each:2:0")
     reference = shortest_path_reference(scenario)
-    assert reference.reward == pytest.approx(200 * GAMMA - 20, abs=1e-9)
+    assert reference.returns == pytest.approx(200 * GAMMA - 20, abs=1e-9)
 
 
 @pytest.mark.parametrize("interactions", ["together", "together:any_doorway"])
@@ -102,17 +102,17 @@ def test_equals_the_joint_markov_chain(make, interactions, grid, robots):
     """All joint states with their probabilities, carried forward as a trial goes."""
     scenario = make(grid, robots, interactions=interactions, horizon=9, penalty=-7)
     reference = shortest_path_reference(scenario)
-    reward, steps = joint_chain(scenario)
-    assert reference.reward == pytest.approx(reward, abs=1e-9)
+    returns, steps = joint_chain(scenario)
+    assert reference.returns == pytest.approx(returns, abs=1e-9)
     assert reference.miscoordinations == pytest.approx(steps, abs=1e-9)
 
 
 def joint_chain(scenario):
-    """Return the discounted reward and the miscoordinations within the horizon, by brute force."""
+    """Return the discounted return and the miscoordinations within the horizon, by brute force."""
     grid = scenario.map
     team = scenario.robots
     goals = tuple(robot.goal for robot in team)
-    reward = steps = 0.0
+    returns = steps = 0.0
     states = {tuple(robot.start for robot in team): 1.0}
     for t in range(150):
         following = {}
@@ -137,14 +137,14 @@ def joint_chain(scenario):
                     / (1 - scenario.discount)
                     / len(team)
                 )
-                reward += (
+                returns += (
                     scenario.discount**t * share * (paid + crowd * scenario.penalty)
                 )
                 steps += share * crowd * (t < scenario.horizon)
                 if after != goals:
                     following[after] = following.get(after, 0.0) + share
         states = {state: p for state, p in following.items() if p > 1e-15}
-    return reward, steps
+    return returns, steps
 
 
 def successors(scenario, k, x):
@@ -161,7 +161,7 @@ def successors(scenario, k, x):
 )
 def test_extreme_settings_are_finite(make, settings):
     reference = shortest_path_reference(make(ROOMS, **settings))
-    assert math.isfinite(reference.reward)
+    assert math.isfinite(reference.returns)
     assert 0 <= reference.miscoordinations <= 100
 
 
@@ -177,7 +177,7 @@ def test_a_large_map_takes_little_memory(make):
 
 
 @pytest.mark.parametrize(
-    ("grid", "interactions", "reward", "time", "missed", "arrived"),
+    ("grid", "interactions", "returns", "time", "missed", "arrived"),
     [
         ("1D2", "block", 100 * (GAMMA + GAMMA**3), 3, 0, 1),
         ("1..2", "swap", 200 * GAMMA**2 - 20 * GAMMA, 3, 1, 1),
@@ -186,12 +186,12 @@ def test_a_large_map_takes_little_memory(make):
     ],
 )
 def test_kinds_of_interaction_by_hand(
-    make, grid, interactions, reward, time, missed, arrived
+    make, grid, interactions, returns, time, missed, arrived
 ):
     scenario = make(grid, move_success=1, interactions=interactions)
     found = shortest_path_reference(scenario)
     assert found.exact
-    assert found.reward == pytest.approx(reward, abs=1e-9)
+    assert found.returns == pytest.approx(returns, abs=1e-9)
     assert found.time_to_goal == pytest.approx(time)
     assert found.miscoordinations == pytest.approx(missed)
     assert found.all_arrived == pytest.approx(arrived)
@@ -204,9 +204,9 @@ def test_pairs_and_larger_teams_are_worth_what_trials_say(interactions):
         scenario = load_scenario(name, interactions=interactions)
         found = shortest_path_reference(scenario)
         assert found.exact == (name == "env2-2r")
-        assert (found.reward_error > 0) != found.exact
+        assert (found.returns_error > 0) != found.exact
         played = summary(play(scenario, walking(scenario), trials=1000, seed=1))
-        for measure in ("reward", "time_to_goal", "miscoordinations"):
+        for measure in ("returns", "time_to_goal", "miscoordinations"):
             own = getattr(played, measure)
             error = math.hypot(own.standard_error, getattr(found, f"{measure}_error"))
             gap = abs(own.mean - getattr(found, measure))
@@ -219,10 +219,10 @@ def test_a_pair_too_large_for_the_joint_chain_is_played(monkeypatch):
     monkeypatch.setattr(exact, "MOST_STATES", 10)
     played = shortest_path_reference(scenario)
     assert (chain.trials, played.trials) == (0, 10_000)
-    assert abs(played.reward - chain.reward) < 4 * played.reward_error
+    assert abs(played.returns - chain.returns) < 4 * played.returns_error
     gap = abs(played.miscoordinations - chain.miscoordinations)
     assert gap < 4 * played.miscoordinations_error
-    assert f"({played.reward_error:.2f})" in played.in_words()
+    assert f"({played.returns_error:.2f})" in played.in_words()
 
 
 def test_words_say_who_fails(make):

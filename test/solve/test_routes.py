@@ -37,15 +37,15 @@ def test_compiled_and_plain_are_one(monkeypatch):
     )
     draws = np.random.default_rng(1).random((5, 40, 3))
     ways = Ways((2, 0, 1), (frozenset(),) * 3, one_at_a_time=True)
-    found = routes.rewards_of(scenario, ways, draws)
+    found = routes.returns_of(scenario, ways, draws)
     monkeypatch.setattr(routes, "compiled", lambda: routes.play)
-    assert routes.rewards_of(scenario, ways, draws).tobytes() == found.tobytes()
+    assert routes.returns_of(scenario, ways, draws).tobytes() == found.tobytes()
 
 
 def test_a_robot_alone_is_worth_its_shortest_path():
     scenario = drawn("1.D.2", {"a": (1, 2)}, penalty=-100)
     draws = np.random.default_rng(2).random((4000, 100, 1))
-    means = routes.rewards_of(scenario, Ways((0,), (frozenset(),)), draws)
+    means = routes.returns_of(scenario, Ways((0,), (frozenset(),)), draws)
     error = means.std() / len(means) ** 0.5
     assert abs(means.mean() - independent_bound(scenario)) < 4 * error
 
@@ -53,8 +53,8 @@ def test_a_robot_alone_is_worth_its_shortest_path():
 def test_a_miscoordination_is_paid_when_it_happens():
     scenario = drawn("1.D.2", penalty=-1)  # waiting would cost more
     always = np.zeros((1, 20, 2))
-    [reward] = routes.rewards_of(scenario, Ways((0, 1), (frozenset(),) * 2), always)
-    assert reward == pytest.approx(200 * 0.95**3 - 0.95)
+    [returns] = routes.returns_of(scenario, Ways((0, 1), (frozenset(),) * 2), always)
+    assert returns == pytest.approx(200 * 0.95**3 - 0.95)
 
 
 def test_a_route_keeps_out_of_its_doorways():

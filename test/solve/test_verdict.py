@@ -31,14 +31,14 @@ def verdict(scenario, tables, learner="coop"):
     return last_word(scenario, learner_of(learner), evaluate_exact(scenario, tables))
 
 
-def earning(scenario, reward, *, error=0.0, learner="coop", asks=1.0):
+def earning(scenario, value, *, error=0.0, learner="coop", asks=1.0):
     """Return the last word on a team that earns and asks so much and else is one of env1."""
     env1 = load_scenario("env1")
     found = evaluate_exact(env1, walking(env1))
-    measure = replace(found.reward, mean=reward, standard_error=error)
+    measure = replace(found.returns, mean=value, standard_error=error)
     asked = replace(found.asks, mean=asks)
     return last_word(
-        scenario, learner_of(learner), replace(found, reward=measure, asks=asked)
+        scenario, learner_of(learner), replace(found, returns=measure, asks=asked)
     )
 
 
@@ -104,15 +104,15 @@ def test_robots_that_do_not_ask_have_not_learned_to_coordinate(asks, kind):
 @pytest.mark.parametrize("learner", ["coop", "noncoop", "factored"])
 def test_where_no_percept_can_succeed_asking_is_no_advice(setting, learner):
     scenario = load_scenario("env1", penalty=-100, **setting)
-    for reward, kind in ((80.0, WORSE), (93.0, IN_VAIN), (117.0, IN_VAIN)):
-        found = earning(scenario, reward, learner=learner)
+    for value, kind in ((80.0, WORSE), (93.0, IN_VAIN), (117.0, IN_VAIN)):
+        found = earning(scenario, value, learner=learner)
         assert found.kind == kind
         assert "no percept can succeed" in found.text and "Try" not in found.text
 
 
-@pytest.mark.parametrize(("reward", "kind"), [(105.5, FAILING), (105.6, LEARNED)])
-def test_half_of_the_gap_is_learned(reward, kind):
-    assert earning(load_scenario("env1", penalty=-100), reward).kind == kind
+@pytest.mark.parametrize(("value", "kind"), [(105.5, FAILING), (105.6, LEARNED)])
+def test_half_of_the_gap_is_learned(value, kind):
+    assert earning(load_scenario("env1", penalty=-100), value).kind == kind
 
 
 def test_a_slight_loss_alone_is_not_learned():
@@ -126,7 +126,7 @@ def test_a_slight_loss_alone_is_not_learned():
 
 
 def earning_of_paths(scenario):
-    return shortest_path_reference(scenario).reward
+    return shortest_path_reference(scenario).returns
 
 
 @pytest.mark.parametrize("penalty", [-1, -100])
@@ -178,7 +178,7 @@ def test_robots_that_stand_in_each_other_s_way_lose_time():
     scenario = load_scenario("isr", interactions="block:anywhere")
     ignoring = shortest_path_reference(scenario)
     best = known_optimum(scenario).value
-    said = earning(scenario, 0.5 * (ignoring.reward + best) + 1.0)
+    said = earning(scenario, 0.5 * (ignoring.returns + best) + 1.0)
     assert said.kind == LEARNED
     assert f"instead of {ignoring.time_to_goal:.3g}." in said.text
     assert f"all arrive in {ignoring.all_arrived:.1%}" in said.text

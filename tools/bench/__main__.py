@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`make bench`: live runs, the batch engine and the environments, each beside what it is to beat.
+"""`make bench`: live runs, the batch engine and the environments, each beside its baseline.
 
 `python -m tools.bench batch --runs 100 --repeats 1`, in a checkout.
 """

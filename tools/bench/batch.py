@@ -40,7 +40,7 @@ def measured(scenario: str, learner: str, steps: int, runs: int, repeats: int) -
 
     Args:
         scenario: a scenario's name.
-        learner: whose learning.
+        learner: the learner.
         steps: transitions of a run.
         runs: runs of a measurement.
         repeats: how often each figure is measured, all figures in turn.
@@ -103,7 +103,7 @@ def seconds_of(work: Callable[[], object]) -> float:
 def table(
     title: str, ready_seconds: float, rates: Mapping[tuple[str, int], list[float]]
 ) -> str:
-    """Return the table of what was measured.
+    """Return the table of measurements.
 
     Args:
         title: scenario, learner, and the work.

@@ -100,7 +100,7 @@ def engine_rate(scenario: Scenario) -> float:
 
 
 def table(title: str, rates: Mapping[str, list[float]]) -> str:
-    """Return the table of what was measured.
+    """Return the table of measurements.
 
     Args:
         title: the work.

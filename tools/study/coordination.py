@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The studies of docs/coordination.md: how many runs of a condition, and the table.
 
-They say what the factored learner is worth, and why.
+They show the value of the factored learner, and the reasons.
 """
 
 import time
@@ -59,7 +59,7 @@ class Study:
     """One study.
 
     Attributes:
-        name: what the command line and the marks in the document call it.
+        name: its name on the command line and in the marks of the document.
         runs: learning runs of a condition of two robots, and of more.
         trials: trials of a run of more than two robots.
         table: yields the rows; beside results it may take the folder where it keeps others.
@@ -112,14 +112,14 @@ def failed_share(result: ConditionResult) -> float:
     return failed_teams(result) / result.runs
 
 
-def _reward(result: ConditionResult) -> str:
-    return text.with_error(result.best("reward"))
+def _return(result: ConditionResult) -> str:
+    return text.with_error(result.best("returns"))
 
 
-def reward_and_failed(result: ConditionResult) -> str:
-    """Return the reward of a condition, and where teams fail their share."""
+def return_and_failed(result: ConditionResult) -> str:
+    """Return the return of a condition, and where teams fail their share."""
     failed = failed_share(result)
-    return _reward(result) + (f", {failed:.0%} fail" if failed else "")
+    return _return(result) + (f", {failed:.0%} fail" if failed else "")
 
 
 def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
@@ -133,14 +133,16 @@ def _pairs(found: Found) -> Rows:
         bound = best_asking_team(own)
         share = None
         if bound is not None and name in PAYING_PAIRS:
-            share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
+            share = gap_closed(
+                own.run_means("returns"), base.run_means("returns"), bound
+            )
         yield {
             "scenario": name,
-            "factored": _reward(own),
-            "worst team": f"{own.run_means('reward').min():.2f}",
+            "factored": _return(own),
+            "worst team": f"{own.run_means('returns').min():.2f}",
             "asks": _mean(own, "asks"),
             "failed teams": text.percent(failed_share(own)),
-            "Non-coop.": _reward(base),
+            "Non-coop.": _return(base),
             "best asking team found": text.bound_of(own),
             "share of the gap": None if share is None else _share(share),
         }
@@ -151,13 +153,13 @@ def _many(found: Found) -> Rows:
         own, coop, base = _each(found, name, LONG)
         yield {
             "scenario": name,
-            "factored": _reward(own),
+            "factored": _return(own),
             "asks": _mean(own, "asks"),
             "miscoordinations": _mean(own, "miscoordinations", 3),
             "trials in which all arrive": text.percent(own.arrived, 2),
             "failed teams": text.percent(failed_share(own)),
-            "coop": _reward(coop),
-            "Non-coop.": _reward(base),
+            "coop": _return(coop),
+            "Non-coop.": _return(base),
             "planner with routes": f"{ROUTES[name]:.2f}",
         }
 
@@ -178,7 +180,7 @@ ABLATION = (*PAYING_PAIRS, "cmu", "env2-4r", "crowd-8r")
 def _ablation(found: Found) -> Rows:
     for what, (rule, more) in ABLATED.items():
         made = {name: make_condition(name, rule, {**LONG, **more}) for name in ABLATION}
-        told = {name: reward_and_failed(found(one)) for name, one in made.items()}
+        told = {name: return_and_failed(found(one)) for name, one in made.items()}
         yield {"what": what, **told}
 
 
@@ -199,10 +201,10 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 def _percepts(found: Found) -> Rows:
     for what, settings in PERCEPTS.items():
         told = {
-            name: reward_and_failed(found(_factored(name, settings)))
+            name: return_and_failed(found(_factored(name, settings)))
             for name in PAYING_PAIRS
         }
-        coop = _reward(found(make_condition("env1", "coop", settings)))
+        coop = _return(found(make_condition("env1", "coop", settings)))
         yield {"what": what, **told, "env1, coop": coop}
 
 
@@ -239,7 +241,7 @@ def _scale(found: Found) -> Rows:
 
 def _pooled(results: Sequence[ConditionResult]) -> str:
     """Return mean and standard error over the runs of several buildings, each by itself."""
-    measures = [result.best("reward") for result in results]
+    measures = [result.best("returns") for result in results]
     error = np.sqrt(sum(one.standard_error**2 for one in measures)) / len(measures)
     return f"{np.mean([one.mean for one in measures]):.2f} ({error:.2f})"
 
@@ -251,7 +253,7 @@ def _arrived(results: Sequence[ConditionResult]) -> str:
 def learning_seconds(scenario: Scenario, learner: str = "factored") -> float:
     """Return the seconds of processor time of one learning run."""
     scenario = learner_of(learner).with_defaults(scenario)
-    for _ in range(2):  # the first one compiles, or loads what was compiled
+    for _ in range(2):  # the first one compiles, or loads the compiled loops
         began = time.process_time()
         list(run_batch(scenario, learner, [SEED], trials=0, jobs=1))
     return time.process_time() - began
@@ -276,7 +278,7 @@ def _unseen(found: Found) -> Rows:
                 "teams": where,
                 "shortest paths": f"{own.paths:.2f}",
                 "best known": f"{own.best_known:.2f}",
-                "factored": text.with_error(own.reward),
+                "factored": text.with_error(own.returns),
                 **{
                     f"share, {what}": stood[where].share_and_failed()
                     for what, stood in judged.items()

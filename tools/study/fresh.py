@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of fresh buildings: what a learner's teams reach where no search has been.
+"""The study of fresh buildings: results of a learner's teams in buildings without a search.
 
 The buildings are those with a real conflict from seed `FIRST` on, as many of each kind. What is
 known of them (the best asking team found, or the route planner's) is kept in the study's folder.
@@ -88,12 +88,12 @@ def _chosen(robots: int, kept: Path) -> dict[str, float]:
 
 
 def _with_conflict(kind: str, robots: int) -> Iterator[tuple[str, float]]:
-    """Yield the buildings of a kind that have a conflict, and what the best known team earns."""
+    """Yield the buildings of a kind that have a conflict, with the best known team's value."""
     for seed in count(FIRST):
         scenario = load_scenario(
             f"{VERSIONS[0]}-{kind}-{robots}r-{seed}"
         ).with_settings(LONG)
-        low = shortest_path_reference(scenario).reward + CONFLICT
+        low = shortest_path_reference(scenario).returns + CONFLICT
         if robots == 2 and joint_optimum(scenario).value <= low:
             continue
         value = _best(scenario)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The study of what teams make of what they have learned: `core.engine.improve`."""
+"""The study of teams that plan on their learned models: `core.engine.improve`."""
 
 import json
 import sys
@@ -39,7 +39,7 @@ MANY = ("env2-4r", "crowd-6r", "crowd-8r", LONG, 100)
 
 
 class Team(NamedTuple):
-    """One team: what it is worth learned and improved, and seconds."""
+    """One team: its value as learned and as improved, and seconds."""
 
     learned: float
     improved: float
@@ -54,7 +54,7 @@ def table(
     """Yield the rows.
 
     Args:
-        planners: what the planner with routes reaches in the scenarios of more robots.
+        planners: values of the planner with routes in the scenarios of more robots.
         found: returns the result of a condition.
         kept: folder of the teams.
     """
@@ -64,7 +64,7 @@ def table(
             own, base = (
                 make_condition(name, one, given) for one in ("factored", "noncoop")
             )
-            low = found(base).best("reward").mean
+            low = found(base).best("returns").mean
             bound = known_best(own.scenario)
             yield _row(name, [(own, low, bound or planners[name])], count, kept)
     for robots, steps, count in BUILDINGS:
@@ -72,7 +72,7 @@ def table(
         judged = [
             (
                 one,
-                shortest_path_reference(one.scenario).reward,
+                shortest_path_reference(one.scenario).returns,
                 known_best(one.scenario),
             )
             for one in made
@@ -134,7 +134,7 @@ def teams_of(condition: Condition, count: int, kept: Path) -> list[Team]:
             if means is None:
                 minds = compiled.initial([table.memory for table in tables])
                 means = compiled.play(minds, seed, TRIALS)
-            worth.append(float(means.reward.mean()))
+            worth.append(float(means.returns.mean()))
         found.append(Team(worth[0], worth[1], seconds))
         write_whole(file, json.dumps(found))
     return found[:count]

@@ -18,7 +18,7 @@ from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.report.text import Row, percent
 from sparse_coord_ros.studies.standings import standing, standings
 from tools.study import improved, rules
-from tools.study.coordination import Found, Rows, Study, reward_and_failed
+from tools.study.coordination import Found, Rows, Study, return_and_failed
 
 PRIORS = ("none", "map")
 
@@ -79,16 +79,16 @@ def _crowds(found: Found) -> Rows:
         for prior in PRIORS:
             settings = {"penalty": -100, "steps": 100_000, "prior": prior}
             one = found(make_condition(name, "factored", settings))
-            row[f"prior={prior}"] = reward_and_failed(one)
+            row[f"prior={prior}"] = return_and_failed(one)
         yield row
 
 
 def _improved(found: Found, kept: Path) -> Rows:
-    """Yield what pairs make of what they have learned in 2,000 steps."""
+    """Yield the improved teams of pairs that have learned for 2,000 steps."""
     for prior in PRIORS:
         settings = {"steps": 2_000, "prior": prior}
         made = unseen_conditions("factored", "validation", settings, (2,))
-        low = [shortest_path_reference(one.scenario).reward for one in made]
+        low = [shortest_path_reference(one.scenario).returns for one in made]
         high = [known_best(one.scenario) for one in made]
         teams = [improved.teams_of(one, 10, kept) for one in made]
         gap = float(np.sum(np.array(high) - low))
@@ -162,7 +162,7 @@ def _lines(robots: int) -> Iterator[tuple[str, str]]:
 
 def _draw_scenario(found: Found, name: str, panel: matplotlib.axes.Axes) -> None:
     scenario = load_scenario(name).with_settings({"penalty": -100})
-    low = shortest_path_reference(scenario).reward
+    low = shortest_path_reference(scenario).returns
     best = known_optimum(scenario).value
     for learner, prior in _lines(len(scenario.robots)):
         given = {"penalty": -100, "prior": prior}
@@ -170,9 +170,9 @@ def _draw_scenario(found: Found, name: str, panel: matplotlib.axes.Axes) -> None
             found(make_condition(name, learner, {**given, "steps": steps}))
             for steps in CURVE_STEPS
         ]
-        rewards = [one.best("reward") for one in results]
-        means = np.array([one.mean for one in rewards])
-        errors = np.array([one.standard_error for one in rewards])
+        returns = [one.best("returns") for one in results]
+        means = np.array([one.mean for one in returns])
+        errors = np.array([one.standard_error for one in returns])
         _draw_line(panel, learner, prior, means, errors)
     panel.axhline(low, color="black", lw=0.8, ls=":")
     panel.axhline(best, color="black", lw=0.8)

@@ -20,7 +20,7 @@ from tools.study.coordination import (
     Rows,
     Study,
     learning_seconds,
-    reward_and_failed,
+    return_and_failed,
 )
 
 SEED = 1_300_000
@@ -45,7 +45,7 @@ BUILDINGS = tuple(f"unseen1-{kind}-{team}r-0" for team in (2, 4) for kind in KIN
 SCENARIOS = ("env1", "env2-2r", "env2-4r", "pentagon", "isr", "cit", "cmu", *BUILDINGS)
 
 
-def _reward(
+def _return(
     found: Found, name: str, learner: str, price: int
 ) -> ConditionResult | None:
     """Return a learner's result; None where it cannot learn the scenario, or price is nothing."""
@@ -60,14 +60,14 @@ def _learners(found: Found) -> Rows:
     for name, price in product(SCENARIOS, (1, 0)):
         row: dict[str, str | None] = {"scenario": name, "a question costs": f"{price}"}
         for learner in LEARNERS:
-            one = _reward(found, name, learner, price)
-            row[learner] = None if one is None else reward_and_failed(one)
+            one = _return(found, name, learner, price)
+            row[learner] = None if one is None else return_and_failed(one)
         row["best known"] = _best_known(name) if price else None
         yield row
 
 
 def _best_known(name: str) -> str | None:
-    """Return the best known value of a scenario, where asking costs what it costs."""
+    """Return the best known value of a scenario, with its cost of asking."""
     value = known_best(
         load_scenario(name).with_settings(LONG)
     ) or coordination.ROUTES.get(name)
@@ -103,7 +103,7 @@ def _settings(found: Found) -> Rows:
         for what, more in (("its own", {}), ("those of factored", shared)):
             row: dict[str, str | None] = {"learner": learner, "settings": what}
             for name in PAIRS:
-                row[name] = reward_and_failed(
+                row[name] = return_and_failed(
                     found(make_condition(name, learner, {**LONG, **more}))
                 )
             yield row

@@ -27,7 +27,7 @@ class NoReplay(Factored):
 
 
 class NoLookingBack(Factored):
-    """Learns of no move what it would have brought."""
+    """Does not learn the results of moves that it did not make."""
 
     @staticmethod
     def look_back(mind, task, now):
@@ -48,7 +48,7 @@ class WholeSurplus(Factored):
 
     @staticmethod
     def share_of_surplus(mind: Any, task: Task, first: int, here: float) -> float:
-        """Return what waiting at the first question brought."""
+        """Return the gain of waiting at the first question."""
         return here
 
 
@@ -62,7 +62,7 @@ class NoLeastWorth(Factored):
 
 
 class NoCures(NoLeastWorth):
-    """Neither: what larger teams had before."""
+    """Without both rules, as larger teams once learned."""
 
     share_of_surplus = staticmethod(WholeSurplus.share_of_surplus)
 

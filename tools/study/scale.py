@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How large maps and teams may be: memory, processor time and arrivals of one learning run.
+"""Sizes of maps and teams: memory, processor time and arrivals of one learning run.
 
     python -m tools.study.scale halls:24 --robots 8 --steps 20000 --set prior=map
     python -m tools.study.scale building-3x2x4-32r-4 --steps 100000 --seed 2
 
 `halls:N` is N x N halls of 13 x 13 cells, with a doorway between neighbours. Any other scenario is
-named as everywhere. It prints one line: what docs/maps.md has in its tables.
+named as everywhere. It prints one line, for the tables of docs/maps.md.
 """
 
 import argparse
@@ -66,7 +66,7 @@ def in_halls(count: int, robots: int, given: dict[str, str]) -> Scenario:
 
 
 def main() -> None:
-    """Learn once, play trials, and print what it took."""
+    """Learn once, play trials, and print time and memory."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenario")
     parser.add_argument("--robots", type=int, default=8, help="of halls")
@@ -98,7 +98,7 @@ def main() -> None:
         f"{options.scenario} seed {options.seed}: {len(scenario.map.cells):,} cells, "
         f"{len(scenario.robots)} robots, {scenario.steps:,} steps; "
         f"{ready - began:.1f} s to begin, {learned - ready:.1f} s to learn, {memory:.2f} GB; "
-        f"reward {trials.reward.mean():.2f}, arrived {trials.arrived.mean():.4f}, "
+        f"return {trials.returns.mean():.2f}, arrived {trials.arrived.mean():.4f}, "
         f"all arrived {everyone:.2f}, asks {trials.asks.mean():.2f}, "
         f"miscoordinations {trials.miscoordinations.mean():.3f}"
     )

@@ -4,8 +4,8 @@
 
 Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
 With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
-without it the same loops run as plain Python, in processes. Where the iterator is
-closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
+without it the same loops run as plain Python, in processes. If the iterator is
+closed, as by Ctrl-C, both stop within a block of time steps.
 """
 
 import os
@@ -60,8 +60,8 @@ def run_batch(
         scenario: the problem and its protocol.
         learner: a learner, or its name.
         seeds: one run each.
-        cluster: whose workers compute; None: this machine.
-        how: as of `run_batches`; a cluster's workers say by themselves how many `jobs` they do.
+        cluster: the cluster that computes; None: this machine.
+        how: as of `run_batches`; a cluster's workers choose their number of `jobs` themselves.
 
     Raises:
         SettingError: numba is asked for and not installed.
@@ -97,7 +97,7 @@ def run_batches(
     """Compute batches on this machine, one after the other: no core waits for the end of one.
 
     Args:
-        batches: what to compute; the runs come in this order.
+        batches: the batches; runs are yielded in this order.
         trials: trials of each run; 0: none.
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
@@ -166,7 +166,7 @@ def _runs_of(
 
 
 def uses_numba(engine: str, learner: Learner | None = None) -> bool:
-    """Return whether an engine setting means numba here, for a learner if one is named.
+    """Return whether an engine setting means numba here, for a given learner if any.
 
     Raises:
         SettingError: there is no such engine; or numba is asked for, and not installed or no help
@@ -202,7 +202,7 @@ def _run_plain(
 
 
 def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
-    """Learn for the scenario's budget, and play greedy trials with what was learned."""
+    """Learn for the scenario's budget, and play greedy trials with the learned tables."""
     learning = LearningRun(team, seed, gathering=gathering)
     learning.advance(team.scenario.steps)
     found = result_of(learning)
@@ -213,7 +213,7 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
 
 
 def result_of(learning: LearningRun) -> Training:
-    """Return what a run has brought so far."""
+    """Return the results of a run so far."""
     return Training(
         learning.scenario,
         learning.learner,
@@ -229,11 +229,11 @@ def result_of(learning: LearningRun) -> Training:
 def prepare(
     learner: str | Learner, *, engine: str = "auto", history: bool = False
 ) -> None:
-    """Compile the loops for a learner where that has not been done in this process.
+    """Compile the loops for a learner, once in this process.
 
-    Does nothing where plain Python is going to compute. What shows progress calls it before its
-    clock starts: it takes some seconds, once a process, and Ctrl-C ends it at once. It plays on a
-    small map: on the user's own a trial may take minutes.
+    Does nothing for plain Python. Progress displays call it before their clock starts: it takes
+    some seconds, and Ctrl-C ends it at once. It plays on a small map: on the user's own a trial
+    may take minutes.
 
     Args:
         learner: a learner, or its name.
@@ -265,6 +265,6 @@ def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool
 
 
 def _loops_key(learner: str | Learner, history: bool) -> tuple[str, type]:
-    """Return what tells the compiled loops apart: numba compiles them for each learner."""
+    """Return a key of the compiled loops: numba compiles them for each learner."""
     kind = learner_of(learner).Mind.learner
     return f"{kind.__qualname__}_with_history" if history else kind.__qualname__, kind

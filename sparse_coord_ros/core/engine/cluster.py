@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learning runs on the workers of a Dask cluster: the same bits, whoever computes them.
+"""Learning runs on the workers of a Dask cluster, with the same bits as anywhere.
 
 A task is a few runs of one condition. Dask gives the tasks of a worker that is lost to others.
-Only what comes back is kept here, so that a call can be repeated and goes on where it stopped.
+Only results are kept here, so a call can be repeated and continues where it stopped.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=409
 
 
 def check_place(jobs: int | None, scheduler: SchedulerLike) -> int | None:
-    """Return jobs; `SettingError` where they are none, or a cluster is told what to do, too."""
+    """Return jobs; raise `SettingError` if they are invalid, or given beside a cluster."""
     jobs = None if jobs is None else int(JOBS.parse(jobs))
     if jobs is not None and scheduler is not None:
         why = "none, as its workers say how many threads they have; leave one of the two out"
@@ -58,14 +58,14 @@ def check_place(jobs: int | None, scheduler: SchedulerLike) -> int | None:
 
 @contextmanager
 def cluster_at(scheduler: SchedulerLike) -> "Iterator[Cluster | None]":
-    """Enter the cluster of a scheduler, and leave it again; None where there is none.
+    """Enter the cluster of a scheduler, and leave it at the end; None without a scheduler.
 
     Args:
         scheduler: the address of a Dask scheduler, such as tcp://10.0.0.1:8786, or a client of it,
             which is left open, or a Dask cluster, such as a `LocalCluster`; or None.
 
     Raises:
-        SettingError: that is no address.
+        SettingError: the text is no address.
         RunError: Dask is not installed, or the scheduler does not answer or has no workers.
     """
     if scheduler is None:
@@ -87,7 +87,7 @@ class Cluster:
 
     Attributes:
         scheduler: the address of its scheduler.
-        threads: how many its workers have together.
+        threads: total number of its workers' threads.
     """
 
     def __init__(self, client: "Client") -> None:
@@ -159,11 +159,11 @@ class Cluster:
         from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
 
-        again = "what was finished is saved: call again"
+        again = "finished runs are saved: call again"
         if isinstance(error, KilledWorker):
             last = error.last_worker.address
             return RunError(
-                f"cluster {self.scheduler}: workers died one after the other of the same runs, "
+                f"cluster {self.scheduler}: several workers died of the same runs, "
                 f"the last one {last} (is its memory used up?); {again}"
             )
         if isinstance(error, CancelledError | CommClosedError):
@@ -171,14 +171,14 @@ class Cluster:
         missing = _import_error(error)
         if missing is not None:
             return RunError(
-                f"cluster {self.scheduler}: a worker cannot import what the runs need "
-                f"({missing}); install the same there, modules of your own too"
+                f"cluster {self.scheduler}: a worker cannot import the modules of the runs "
+                f"({missing}); install them there, your own modules too"
             )
         return error
 
 
 def _import_error(error: BaseException | None) -> ImportError | None:
-    """Return the import that failed, where that is what an error is about."""
+    """Return the failed import of an error, if an import failed."""
     while error is not None and not isinstance(error, ImportError):
         error = error.__cause__
     return error
@@ -193,7 +193,7 @@ def own_sources() -> str:
 def _call(
     asker: tuple[str, Sequence[str]], function: Callable[..., Any], arguments: Any
 ) -> Any:
-    """Call a function on a worker, if it computes what the asker would; what the asker allows."""
+    """Call a function on a worker, if it has the asker's versions and permissions."""
     sources, modules = asker
     allow_modules(modules)
     if own_sources() != sources:
@@ -201,7 +201,7 @@ def _call(
 
         raise ResultsError(
             f"worker {get_worker().address}: has another version of sparse_coord_ros than this "
-            "machine; nothing is mixed: install the same on both"
+            "machine; install the same version on both"
         )
     return function(*arguments)
 
@@ -243,7 +243,7 @@ def _connected(scheduler: SchedulerLike) -> "Client":
 
 
 async def _knock(scheduler: str) -> None:
-    """Raise what is raised where no scheduler answers.
+    """Raise the error of a scheduler that does not answer.
 
     A client that cannot connect is half made; where Python then collects it at the wrong moment,
     the next client does not start.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learn, exchange, improve: a team plans on what its robots have learned.
+"""Learn, exchange, improve: a team plans on its robots' learned models.
 
 After learning each robot says once what it knows: where its moves led and how often, its doorways
 (cells where it felt r^C), its tables. From that all compute the same: a game as the team knows it,
@@ -61,13 +61,13 @@ GAIN_ERRORS = 2.0
 
 @dataclass(frozen=True)
 class Improvement:
-    """What planning on the learned model makes of a team.
+    """The result of planning on a team's learned model.
 
     Attributes:
         tables: of each robot: what it learned, but for its factors r_bar, W and rho where it acts:
             they are so low that greedy reading gives the improved policy.
-        before: what the learned team is worth on the learned model, averaged over the robots.
-        value: what the improved one is worth there.
+        before: value of the learned team on the learned model, averaged over the robots.
+        value: value of the improved team there.
         doorways: cells where a robot has felt r^C; the plan knows no others.
     """
 
@@ -110,11 +110,11 @@ def improve(
 
     Args:
         scenario: the problem.
-        learner: who learned.
-        memories: what each robot remembers.
+        learner: the learner.
+        memories: each robot's memory.
 
     Raises:
-        SettingError: the robots do not learn what it needs.
+        SettingError: the robots do not learn the model that it needs.
         TablesError: what they remember is not of this scenario.
     """
     check_improvable(scenario, learner)
@@ -132,7 +132,7 @@ def improve(
 
 
 def save_improved(directory: Path, run: RunConfig, found: Improvement) -> Path:
-    """Write what a run's robots made of what they learned, as a run's directory in its own.
+    """Write the improved team as a run's directory within the run's directory.
 
     Raises:
         RunError: it exists already.
@@ -149,7 +149,7 @@ def learned_scenario(
 ) -> Scenario:
     """Return the game as the team knows it; arguments as of `improve`.
 
-    r^C is for each robot what it felt, on average. Where the robots know their map (`prior: map`)
+    r^C of each robot is the mean that it was paid. If the robots know their map (`prior: map`)
     the moves are those of the map.
     """
     lead, success = _learned_moves(memories)
@@ -179,7 +179,7 @@ def learned_scenario(
 
 
 def _learned_moves(memories: Sequence[Memory]) -> tuple[np.ndarray, float]:
-    """Return where moves lead, (cells, moves), and how often they succeed, as robots learned it.
+    """Return the learned successors of moves, (cells, moves), and their success rate.
 
     The robot that made a move most often says where it leads. Moves succeed as often as those did
     that ever led anywhere; the others are walls.
@@ -199,7 +199,7 @@ def _learned_moves(memories: Sequence[Memory]) -> tuple[np.ndarray, float]:
 def _of_a_pair(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> tuple[float, float, list[Memory]]:
-    """Climb by exact values: the value before and after, and what the robots then remember."""
+    """Climb by exact values; return the value before and after, and the new memories."""
     tables = [Tables(learned, learner, k, memory) for k, memory in enumerate(memories)]
     cells = range(len(learned.map.cells))
     asks = np.array([asks_surely(table.q_star.T) for table in tables])
@@ -225,7 +225,7 @@ def _of_a_pair(
 def _by_trials(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> tuple[float, float, list[Memory]]:
-    """Climb from what was learned, and from `one_at_a_time`: the better; as `_of_a_pair`."""
+    """Climb from the learned team and from `one_at_a_time`; return the better, as `_of_a_pair`."""
     starts = memories, one_at_a_time(learned, learner, memories)
     climbs = [_climb(learned, learner, start) for start in starts]
     _, value, improved = max(climbs, key=lambda climb: climb[1])
@@ -260,9 +260,9 @@ def _taking_turns(
 
     Args:
         learned: the game as the team knows it.
-        learner: who learned.
+        learner: the learner.
         k: the robot, from 0.
-        memory: what it remembers.
+        memory: its memory.
         u: its U on the shortest path, [cell, move].
         passage: the passage of each cell, or `NOWHERE`.
     """
@@ -305,7 +305,7 @@ def _climb(
     team = Team(learned, learner, compiled=has_numba())
     minds = team.initial(memories)
     best = team.play(minds, 0, PLAN_TRIALS, paired=True)
-    before = float(best.reward.mean())
+    before = float(best.returns.mean())
     better = True
     while better:
         better = False
@@ -323,16 +323,16 @@ def _climb(
         star = memory["q_star"]
         u = memory["u"]
         improved.append(_with_values(learned, learner, memory, star, u))
-    return before, float(best.reward.mean()), improved
+    return before, float(best.returns.mean()), improved
 
 
 def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
-    """Return trials of what the robots would do now, where that is better; else None."""
+    """Return trials of the robots' current policies if they are better, else None."""
     few = team.play(minds, 0, FIRST_TRIALS, paired=True)
-    if few.reward.mean() <= best.reward[:FIRST_TRIALS].mean():
+    if few.returns.mean() <= best.returns[:FIRST_TRIALS].mean():
         return None
     found = team.play(minds, 0, PLAN_TRIALS, paired=True)
-    gain = (found.reward - best.reward).mean(axis=1)
+    gain = (found.returns - best.returns).mean(axis=1)
     return found if gain.mean() > GAIN_ERRORS * gain.std() / PLAN_TRIALS**0.5 else None
 
 
@@ -351,14 +351,14 @@ def _made(change: Change) -> Change:
 def _changes(
     learned: Scenario, team: Team, minds: Any, stays: np.ndarray
 ) -> Iterator[Change]:
-    """Yield changes of what one robot does: routes, then actions, then corrections.
+    """Yield changes of one robot's policy: routes, then actions, then corrections.
 
     Each is made from what the minds hold when it is asked for, with all changes that were kept.
 
     Args:
         learned: the game as the team knows it.
         team: scenario, learner and form.
-        minds: what the robots do.
+        minds: the robots' minds.
         stays: steps that each robot acts in each cell, shape (robots, cells).
     """
     each = [team.mind(minds, k) for k in range(len(stays))]
@@ -429,7 +429,7 @@ def _other_corrections(mind: Any, stays: np.ndarray, robots: int) -> Iterator[Ch
 
 
 def preferring(values: np.ndarray, chosen: int) -> np.ndarray:
-    """Return values of which the chosen one leads: the others are lowered as far as need be."""
+    """Return values with the chosen one greatest: others are lowered as far as needed."""
     most = min(values[chosen] - LEAD, (1.0 - LEAD_SHARE) * values[chosen])
     lowered: np.ndarray = np.minimum(values, most)
     lowered[chosen] = values[chosen]
@@ -447,8 +447,8 @@ def _acting(
 
     Args:
         scenario: the game.
-        learner: who learned.
-        memory: what it remembers.
+        learner: the learner.
+        memory: its memory.
         star: its new Q*, shape (cells, 5).
         after: its move by own cell, peer and the peer's cell, as of `states_of`.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of a function in processes, which never outlive the process that asked for them.
+"""Calls of a function in processes, which never outlive their parent process.
 
 The processes of `concurrent.futures` would finish their call after a Ctrl-C, and go on for ever
 where the parent is killed. Here each holds one end of a pipe, and leaves when the other is gone.
@@ -73,8 +73,8 @@ def in_processes(
                 'computes below a line: if __name__ == "__main__":'
             ) from None
         raise RunError(
-            "a process that computed runs was killed (is the memory used up?); what was finished "
-            "is saved: call again, perhaps with fewer --jobs"
+            "a process that computed runs was killed (is the memory used up?); finished runs "
+            "are saved: call again, perhaps with fewer --jobs"
         ) from None
     finally:
         mine.close()
@@ -102,6 +102,6 @@ def _begin(lifeline: Connection, folder: str, ready: Event) -> None:
 
 
 def _leave_after(lifeline: Connection) -> None:
-    # nothing is ever sent: this returns when the other end is closed
+    # no data come: this returns when the other end is closed
     lifeline.poll(None)
     os._exit(1)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a learning run has brought, whoever computed it, and its directory."""
+"""The results of a learning run, from any engine, and its directory."""
 
 import shutil
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ from sparse_coord_ros.core.solve.exact import ExactMeans
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A learning run: what was learned, and how.
+    """A learning run: its settings and results.
 
     Attributes:
         scenario: the problem and its protocol.
-        learner: who learned.
+        learner: the learner.
         seed: the run's seed.
-        engine: "numba" or "python": what computed it; the bits are the same.
-        tables: what each robot learned.
+        engine: "numba" or "python", which computed it; the bits are the same.
+        tables: each robot's tables.
         history: one row an episode; none where it was not gathered.
         visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         evaluations: evaluations of the team on the way, as (transitions, evaluation).
         trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
             them, seeded by the run's seed; None where none were played.
-        exact: what such a trial brings on average; None without trials, and where nobody knows.
+        exact: the exact means of such a trial; None without trials, or if not computable.
     """
 
     scenario: Scenario
@@ -53,13 +53,13 @@ class Training:
     exact: ExactMeans | None = None
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
         return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
 
     @property
     def finished(self) -> bool:
-        """Whether it has learned for the scenario's budget."""
+        """True if it has learned for the scenario's budget."""
         return self.transitions >= self.scenario.steps
 
     def save(self, directory: str | Path) -> Path:
@@ -73,7 +73,7 @@ class Training:
 
         Raises:
             RunError: it exists already, or cannot be written.
-            SettingError: its perception model is a function that nobody else can find.
+            SettingError: other processes cannot find its perception model, a function.
         """
         run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
         said = run.to_yaml()

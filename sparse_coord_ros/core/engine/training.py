@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One learning run, on the engine that is quickest, with its history, evaluations and checkpoints.
 
-The engines give the same bits, and either goes on where the other one stopped.
+The engines give the same bits, and each can continue a run of the other.
 """
 
 import signal
@@ -60,7 +60,7 @@ SAVE_SECONDS = 30.0
 
 
 class Watcher(Protocol):
-    """Who looks at a run while it goes on; it may hold it, or slow it down.
+    """A watcher of a run in progress; it may pause the run, or slow it down.
 
     It is asked once more before the last transition.
 
@@ -80,16 +80,16 @@ class Watcher(Protocol):
             transition: the transition just made, where it could be made singly; else None.
 
         Returns:
-            After how many transitions to look again at the latest; 0: hold, and look again at
-            once; None: as it is best for the speed.
+            The largest number of transitions until the next look; 0: pause, and look again at
+            once; None: the best number for speed.
         """
 
 
 def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
-    """Return what computes a run: "numba" or "python".
+    """Return the engine of a run: "numba" or "python".
 
     "auto" is numba where it is installed, the learner has a compiled form, and the run is long
-    enough to be worth the seconds that numba takes to begin (or they have been spent already).
+    enough to justify numba's start of some seconds (or numba has started already).
 
     Raises:
         SettingError: numba is asked for, and not installed or no help to the learner.
@@ -128,29 +128,29 @@ def train(
 ) -> Training:
     """Learn once, for the scenario's budget: its setting `steps`, in transitions.
 
-    `Training.history` is what happened in each episode, `Training.save` writes a run's directory.
+    `Training.history` is the history of episodes; `Training.save` writes a run's directory.
 
     With a `checkpoint` an interrupt (SIGINT or SIGTERM, in the main thread) is held back until
-    the run is saved; a second one is not. `train(..., resume=True)` goes on from there, on either
+    the run is saved; a second one is not. `train(..., resume=True)` continues from there, on any
     engine, and ends with the bits of an unbroken run.
 
     Args:
         scenario: the problem and its protocol.
-        learner: who learns.
+        learner: the learner.
         seed: seed of every random draw.
-        engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
+        engine: "numba", "python", or "auto": the quicker one. The bits are the same.
         evaluate_every: transitions between two evaluations, the last one after the budget; 0:
-            none; None: none, or where a run goes on, as it began.
+            none; None: none, or for a resumed run as before.
         trials: greedy trials of each evaluation, seeded by the run's seed.
         progress: called with the transitions done and the budget, several times a second.
         checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
-        resume: whether to go on from `checkpoint`.
+        resume: whether to continue from `checkpoint`.
         until: transitions after which to stop, and to save; the budget where None.
         watcher: looks at the run several times a second; the bits stay the same.
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
-        RunError: there is no checkpoint, it cannot be read, or is that of another run.
+        RunError: the checkpoint is missing, cannot be read, or belongs to another run.
         PluginError: a learner or perception model of the user's own failed.
     """
     rule = chosen_learner(learner)
@@ -281,7 +281,7 @@ class _RunUnderWay:
 
 
 def _next_part(part: int, took: float, *, may_grow: bool) -> int:
-    """Return how many transitions to make at once, after `part` took so many seconds."""
+    """Return the number of transitions to make at once, after `part` took so many seconds."""
     if took > PART_SECONDS[1]:
         return max(1, part // 2)
     if took < PART_SECONDS[0] and may_grow:

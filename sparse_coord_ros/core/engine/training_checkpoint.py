@@ -76,7 +76,7 @@ def load_checkpoint(
     """Read a checkpoint of a run.
 
     Raises:
-        RunError: there is none, it cannot be read, or it is that of another run.
+        RunError: the file is missing, cannot be read, or belongs to another run.
     """
     if not path.exists():
         remedy = "only a run that was interrupted can be resumed"
@@ -126,6 +126,6 @@ def _evaluation(
 
 
 def run_digest(scenario: Scenario, learner: Learner, seed: int) -> str:
-    """Return a digest of what a run computes."""
+    """Return a digest of a run's computation."""
     said = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
     return hashlib.sha256(said.encode()).hexdigest()[:16]

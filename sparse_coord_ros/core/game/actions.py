@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The actions of a robot: the moves, their names and directions, and COORDINATE.
 
-Whoever adds a move adds it here: a name with its direction, and its number.
+To add a move, add its name, direction and number here.
 """
 
 MOVES = {"north": (-1, 0), "south": (1, 0), "east": (0, 1), "west": (0, -1)}

@@ -40,7 +40,7 @@ class _Building(NamedTuple):
 def building(name: str) -> dict[str, Any] | None:
     """Return the generated building of that name as a scenario file has it, parsed.
 
-    None: it is no name of one.
+    None if it is no name of a generated building.
 
     Raises:
         ScenarioError: no building has these numbers.
@@ -69,7 +69,7 @@ def _made(b: _Building) -> dict[str, Any]:
     """Return a building as a scenario file has it, parsed.
 
     Each row of rooms has a corridor to the next; every room has a doorway to each corridor beside
-    it, and to the room on its right with probability one half; surely, where there is no corridor.
+    it, and to the room on its right with probability one half, or always if there is no corridor.
     Every robot starts in a room and has its goal in another; no two share a start or a goal.
     """
     draw = random.Random(f"building {b.rooms} {b.rows} {b.size} {b.robots} {b.seed}")
@@ -136,7 +136,7 @@ def _wall(building: _Building, draw: random.Random) -> str:
 
 
 def _beside(building: _Building, draw: random.Random) -> int:
-    """Return the line of the doorway between two rooms side by side, -1: there is none."""
+    """Return the line of the doorway between two rooms side by side; -1: no doorway."""
     wanted = draw.random() < DOORWAY_BESIDE or building.rows == 1
     line = draw.randrange(building.size)
     return line if wanted else -1
@@ -145,13 +145,13 @@ def _beside(building: _Building, draw: random.Random) -> int:
 def _starts_and_goals(
     building: _Building, rooms: list[list[Cell]], draw: random.Random
 ) -> list[tuple[Cell, Cell]]:
-    """Return a start and a goal in another room for each robot, none of them twice."""
+    """Return a start, and a goal in another room, for each robot; all differ."""
     free = {room: list(places) for room, places in enumerate(rooms)}
     for places in free.values():
         draw.shuffle(places)
     pairs = []
     for _ in range(building.robots):
-        # The fullest rooms first, so that two different ones with places are left to the end.
+        # The fullest rooms first, so that two different rooms have free places until the end.
         order = sorted(free, key=lambda room: (-len(free[room]), draw.random()))
         one = order[0]
         other = order[1 + draw.randrange(len(order) - 1)]

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the draws of a run come from: NumPy's streams, or for compiled loops single draws of them.
+"""The random draws of a run: from NumPy's streams, or for compiled loops single draws of them.
 
-What nothing looks at is never drawn by compiled loops: a jump of the generator makes a draw
-without those before it (`core.game.pcg64`). The bits are those of `core.game.streams`.
+Compiled loops skip draws that are not used: a jump of the generator makes a draw without the
+draws before it (`core.game.pcg64`). The bits are those of `core.game.streams`.
 """
 
 import functools
@@ -36,7 +36,7 @@ class Links(NamedTuple):
     """When robots get no answer, as arrays.
 
     Attributes:
-        drawn: whether percepts that get through need draws.
+        drawn: whether percepts need draws while the link is up.
         down: when each robot's link is down, [k, time step modulo its length]; no columns where
             links have no pattern.
         dead_from: the time step from which all links are down.
@@ -81,7 +81,7 @@ class CompiledDraws(NamedTuple):
     Attributes:
         links: when robots get no answer.
         sources: a generator at a time step's beginning, as of `pcg64.source_of`,
-            [role, k, word]; those that nothing looks at are 0.
+            [role, k, word]; 0 for roles that are not used.
         since: that time step [role, k].
         jumps: as of `pcg64.jump_table`.
     """
@@ -106,7 +106,7 @@ def compiled_draws(
         scenario: the problem.
         seed: the run's seed.
         phase: LEARNING or EVALUATION.
-        looked_at: whether anything looks at the draws of a role; others need no generator.
+        looked_at: whether the draws of a role are used; other roles need no generator.
         members: the robots that act.
         first: the time step that they begin with.
     """
@@ -139,7 +139,7 @@ def room_for_draws(scenario: Scenario, games: int) -> CompiledDraws:
 
     Args:
         scenario: the problem.
-        games: how many there are.
+        games: number of games.
     """
     team = len(scenario.robots)
     links = links_of(scenario, 0, LEARNING)
@@ -161,12 +161,12 @@ def seed_game(
     """Fill in the draws of one of many games.
 
     Args:
-        draws: those of all games, changed.
+        draws: the draws of all games, changed.
         game: the game's number.
         scenario: as of `compiled_draws`, as the next four.
         seed: the game's seed.
         phase: LEARNING or EVALUATION.
-        looked_at: whether anything looks at the draws of a role.
+        looked_at: whether the draws of a role are used.
         first: the time step with which the game begins.
     """
     team = len(scenario.robots)
@@ -206,7 +206,7 @@ def _jumped_to(
 
 @inner
 def _go_on(draws: CompiledDraws, role: int, k: int, step: int) -> None:
-    """Let a generator go on to a time step's beginning."""
+    """Advance a generator to a time step's beginning."""
     source = draws.sources[role, k]
     width = WIDTHS[role]
     while draws.since[role, k] < step:

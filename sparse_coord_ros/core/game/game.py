@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the lock step asks of a world: any game that says what a step does can stand there."""
+"""The interface of a game that the lock step can play."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -16,9 +16,9 @@ class Game(Protocol):
 
     Attributes:
         step: the current time step t, at least 1; grows by 1 with each transition and by
-            `core.game.world.EPISODE_GAP` more with each episode, so that nobody learns across it.
+            `core.game.world.EPISODE_GAP` more with each episode: robots do not learn across it.
         cells: the local state X_k(t) of every agent: numbers of free cells.
-        arrived: whether each agent has reached its goal in this episode: it acts no more.
+        arrived: whether each agent has reached its goal in this episode, and acts no more.
         episode: number of the current episode, from 0.
         transitions: steps made so far.
         miscoordinations: how many of them ended in a miscoordination.
@@ -41,17 +41,17 @@ class Game(Protocol):
             actions: one entry an agent; None where it does not act (arrived, or missing).
 
         Returns:
-            The rewards and what else came of it; `step` and `cells` are then those of the next
-            time step.
+            The rewards and other results; `step` and `cells` are then those of the next time
+            step.
         """
 
 
 @runtime_checkable
 class ResumableGame(Game, Protocol):
-    """A game that can go on where another one of the same run was; `World` is one."""
+    """A game that can continue from the position of another game of the same run."""
 
     def position(self) -> Position:
-        """Return where the game is."""
+        """Return the position of the game."""
 
     def go_on_from(self, position: Position) -> None:
-        """Go on there; `episode` counts from 0 again."""
+        """Continue from a position; `episode` counts from 0 again."""

@@ -43,17 +43,17 @@ FURTHEST = 1e7
 
 @dataclass(frozen=True)
 class GridMap:
-    """A map: its rows of symbols and what follows from them.
+    """A map: its rows of symbols, and facts computed from them.
 
     Attributes:
         name: the map's name (the file's stem).
         rows: the grid, one string a row, all of the same length, top row first.
         title: what the map shows.
-        source: where the map comes from; of one of a floor plan its YAML file.
+        source: where the map comes from; for a map of a floor plan its YAML file.
         provenance: which parts are found, derived or chosen.
-        resolution: metres a cell of the place that the map shows; None: of no real place.
+        resolution: metres per cell; None if the map shows no real place.
         origin: (x, y) of the grid's lower left corner in that place's frame, in metres.
-        radius: of the robots that the map was made for, in metres; 0: nobody said.
+        radius: radius of the robots that the map was made for, in metres; 0: unknown.
     """
 
     name: str
@@ -120,7 +120,7 @@ class GridMap:
 
     @property
     def doorway_count(self) -> int:
-        """How many doorways there are: doorway cells side by side, or in a row, are one."""
+        """The number of doorways: adjacent doorway cells are one doorway."""
         left = set(self.doorways)
         count = 0
         while left:
@@ -134,13 +134,13 @@ class GridMap:
 
     @property
     def doorway_facts(self) -> dict[str, Any]:
-        """How many doorways there are, and the row and column of each of their cells."""
+        """The number of doorways, and the row and column of each of their cells."""
         cells = [self.cells[x] for x in sorted(self.doorways)]
         return {"doorways": self.doorway_count, "doorway_cells": cells}
 
     @property
     def doorways_in_words(self) -> str:
-        """How many doorways there are, and of how many cells where these are more."""
+        """The number of doorways in words, and of their cells if these are more."""
         doorways = self.doorway_count
         cells = len(self.doorways)
         more = f" ({cells} cells)" if cells > doorways else ""
@@ -168,7 +168,7 @@ class GridMap:
 
     @cached_property
     def region(self) -> np.ndarray:
-        """Shape (cells,), int64: a number for each cell; two with the same have a way between."""
+        """Shape (cells,), int64: the region of each cell; a way connects cells of one region."""
         return regions(self.next_cell)
 
     def distances_to(self, goal: int) -> np.ndarray:
@@ -176,7 +176,7 @@ class GridMap:
         return moves_to(self.next_cell, goal)
 
     def leading_to(self, goal: int) -> np.ndarray:
-        """Return the cells with a way to `goal`, but the goal itself: shape (n,), ascending."""
+        """Return the cells with a way to `goal`, without the goal: shape (n,), ascending."""
         return np.flatnonzero(self.distances_to(goal) > 0)
 
     def to_text(self) -> str:
@@ -219,7 +219,7 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
 
 
 def regions(lead: np.ndarray) -> np.ndarray:
-    """Return the region of each cell: two cells with a way between them have the same number.
+    """Return the region of each cell: a way connects cells of one region.
 
     Args:
         lead: where a successful move leads, shape (cells, moves); every move has its way back.
@@ -343,13 +343,13 @@ def number_of(value: object, low: float, high: float, what: str) -> float:
     """Return a field of a map's file that is a number.
 
     Args:
-        value: what the file says; None: nothing.
+        value: the field's value; None: missing.
         low: smallest number allowed.
         high: largest number allowed.
         what: file and field, for the error.
 
     Raises:
-        MapError: it is none, or out of range.
+        MapError: it is no number, or out of range.
     """
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not low <= value <= high:  # type: ignore[operator]

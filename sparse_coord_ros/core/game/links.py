@@ -3,11 +3,11 @@
 """Links that fail on purpose: at which time steps a robot gets no answer to its COORDINATE.
 
 The paper's percept fails by where robots are (`core/game/perception.py`). A link fails by when a
-robot asks: its answer is lost, late or refused, which is the same to the one that asks. Every
+robot asks: its answer is lost, late or refused, which makes no difference to the asker. Every
 robot's link has a random stream of its own, a function of (seed, phase, robot). Its pattern has
 `PERIOD` time steps and comes again after them. While a link is down the draw of the percept is
-`DOWN_DRAW`, which no probability exceeds: so every way of running, compiled or not, asks one
-question only.
+`DOWN_DRAW`, which no probability exceeds. So plain and compiled code need no second rule for
+links.
 """
 
 from typing import NamedTuple
@@ -67,7 +67,7 @@ class Link(NamedTuple):
 
 
 def check_up(link: Spec, what: str) -> None:
-    """Raise `SettingError` where links fail by time and `what` knows of no time."""
+    """Raise `SettingError` if links fail by time and `what` does not consider time."""
     if link != UP:
         why = "up, as a link that fails by time is no part of the joint state; evaluate by trials"
         raise SettingError(f"{what}: setting link is {str(link)!r}, allowed: {why}")

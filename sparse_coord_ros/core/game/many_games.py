@@ -109,7 +109,7 @@ class Observations(NamedTuple):
 
 
 class Infos(NamedTuple):
-    """What a call of `step_all` brought, beside the rewards.
+    """Results of a call of `step_all`, beside the rewards.
 
     Attributes:
         half_step: whether the next call completes this time step, bool [i].
@@ -141,11 +141,11 @@ class Outcome(NamedTuple):
 def room_for_games(
     scenario: Scenario, games: int, *, phase: int, in_halves: bool
 ) -> Games:
-    """Return games that are yet to be seeded and to begin.
+    """Return memory for games; `seed_one` and `begin` fill it.
 
     Args:
         scenario: the problem.
-        games: how many there are.
+        games: number of games.
         phase: LEARNING or EVALUATION, as of `World`.
         in_halves: as of `Games`.
     """
@@ -194,12 +194,12 @@ def seed_one(games: Games, i: int, scenario: Scenario, seed: int, phase: int) ->
 
 
 def actions_of(games: Games) -> int:
-    """Return how many actions a robot has: in halves 5, else each move without and with asking."""
+    """Return the number of actions: in halves 5, else each move without and with asking."""
     return len(ACTIONS) if games.in_halves else 2 * PRIMITIVES
 
 
 def new_observations(games: Games) -> Observations:
-    """Return room for what the robots observe."""
+    """Return memory for the observations."""
     n, team = games.cells.shape
     columns = PEERS + team - 1
     return Observations(
@@ -209,7 +209,7 @@ def new_observations(games: Games) -> Observations:
 
 
 def new_infos(games: Games) -> Infos:
-    """Return room for what a step brings."""
+    """Return memory for the infos of a step."""
     n, team = games.cells.shape
     return Infos(
         np.empty(n, dtype=np.bool_),
@@ -220,7 +220,7 @@ def new_infos(games: Games) -> Infos:
 
 
 def new_outcome(games: Games) -> Outcome:
-    """Return room for rewards and ends."""
+    """Return memory for rewards and ends."""
     n, team = games.cells.shape
     return Outcome(
         np.empty((n, team)), np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
@@ -247,12 +247,12 @@ def is_allowed(action: int, waits: bool, half: bool, chosen: int) -> bool:
 
 
 def first_refused(actions: Any, games: Games, allowed: Any) -> int:
-    """Return the place i * robots + k of the first action that is not allowed; -1: there is none.
+    """Return the index i * robots + k of the first action that is not allowed; -1: all are.
 
     Args:
-        actions: what each robot is to do [i][k].
+        actions: the action of each robot [i][k].
         games: the games.
-        allowed: the masks of what the robots observed last [i][k][action].
+        allowed: the masks of the last observations [i][k][action].
     """
     team = len(games.members)
     for i in range(len(games.step)):
@@ -370,7 +370,7 @@ def clear_infos(games: Games, i: int, infos: Infos) -> None:
 
 @inlined
 def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
-    """Copy what a step brought."""
+    """Copy the infos of a step."""
     copied.miscoordination[i] = infos.miscoordination[i]
     for k in games.members:
         for part in range(PARTS):
@@ -393,7 +393,7 @@ def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) 
 
 @inlined
 def observe(games: Games, i: int, shown: Observations, infos: Infos) -> None:
-    """Fill in what the robots of a game observe, and what is known of the game."""
+    """Fill in the observations and the infos of a game."""
     half = games.half[i]
     infos.half_step[i] = half
     for k in games.members:
@@ -448,7 +448,7 @@ def step_all(
 
     Args:
         games: the games, changed.
-        actions: what each robot is to do [i][k]; where it waits, anything.
+        actions: the action of each robot [i][k]; ignored where a robot waits.
         shown: filled.
         outcome: filled.
         infos: filled.

@@ -5,8 +5,8 @@
 "Whether or not it actually succeeds is environment-dependent." A model gives a probability for the
 cells of the robot that asks and of the robot that it asks; the percept succeeds when the draw of
 (asker, step) lies below it. A model is a function of the map and its numbers, registered under a
-name; one of the user's own may also be named as `module:function`. Those of this package return a
-`Sight`, which computes the probability of a pair when asked, those of the user's own a matrix.
+name; a user's own model may also be named as `module:function`. Models of this package return a
+`Sight`, which computes the probability of a pair on demand; a user's own model returns a matrix.
 """
 
 import inspect
@@ -47,7 +47,7 @@ MARK = "is_perception_model"
 
 
 def perception_model(function: PerceptionModel) -> PerceptionModel:
-    """Mark a function of one's own as a perception model: a decorator.
+    """Decorator that marks a function as a perception model.
 
     Its name in scenarios and for `--set perception=` is then `module:function`.
     """
@@ -75,18 +75,17 @@ MODELS: Registry[PerceptionModel] = Registry(
 
 
 def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
-    """Let a scenario's setting `perception` name a model of one's own, in this process.
+    """Let a scenario's setting `perception` name this model, in this process.
 
-    What is written names it as `module:function`, which other processes, and later calls, find by
-    themselves; a model that an installed package names as an entry point of the group
-    `sparse_coord_ros.perception` is found by that name.
+    Files name it as `module:function`, so other processes and later calls find it. The name of an
+    entry point of the group `sparse_coord_ros.perception` in an installed package also works.
 
     Args:
         name: the name.
         model: function of the map and numbers; see `PerceptionModel`.
 
     Raises:
-        SettingError: it is no function, or the name is none or taken.
+        SettingError: it is no function, or the name is invalid or taken.
     """
     with suppress(AttributeError, TypeError):  # of what is no function
         perception_model(model)
@@ -94,11 +93,11 @@ def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
 
 
 def named_model(model: PerceptionModel) -> str:
-    """Return the name of a function that is handed over as a model, in this process.
+    """Return the name, in this process, of a function that is passed as a model.
 
-    It is the name that the function is registered under, if it is; else `module:function`, which
-    other processes find; else, of a function made within another one or typed in, a name that
-    this process alone knows (`check_found_elsewhere`): no other function ever gets it.
+    It is the name under which the function is registered; else `module:function`, which other
+    processes find. A nested function, or one typed at a prompt, gets a unique name that only this
+    process knows (`check_found_elsewhere`).
     """
     for name, known in MODELS.registered.items():
         if known is model:
@@ -125,7 +124,7 @@ _HERE_ALONE: dict[str, PerceptionModel] = {}
 
 
 def _lies_at(model: PerceptionModel, path: str) -> bool:
-    """Whether `module:function` leads to this very function."""
+    """True if `module:function` leads to this very function."""
     found: object = sys.modules.get(model.__module__)
     for part in path.partition(":")[2].split("."):
         found = getattr(found, part, None)
@@ -133,7 +132,7 @@ def _lies_at(model: PerceptionModel, path: str) -> bool:
 
 
 def check_found_elsewhere(model: Spec) -> None:
-    """Raise `SettingError` where no other process can find a model, nor a later call."""
+    """Raise `SettingError` if other processes and later calls cannot find a model."""
     known = MODELS.registered.get(model.kind)
     if known is not None and known is _HERE_ALONE.get(model.kind):
         raise SettingError(
@@ -143,14 +142,14 @@ def check_found_elsewhere(model: Spec) -> None:
 
 
 def is_found_elsewhere(model: Spec) -> bool:
-    """Whether processes that this one starts find a model by its name."""
+    """True if processes that this one starts find the model by its name."""
     if is_path(model.kind) or is_shipped(MODELS.registered.get(model.kind)):
         return True
     return model.kind in MODELS.installed
 
 
 class PerceptionFamily(SpecFamily):
-    """The setting `perception`: the models of this package, and those of the user's own."""
+    """The setting `perception`: the models of this package and of the user."""
 
     @property
     def forms(self) -> tuple[Form, ...]:
@@ -167,11 +166,11 @@ class PerceptionFamily(SpecFamily):
     def parse(self, value: object) -> Any:
         """Read a model with its numbers; errors as of `SpecFamily.parse`.
 
-        A model whose code nobody allowed is only named: looking it up says so, where it is used.
+        A model whose code may not be imported stays a name; its first use raises an error.
 
         Args:
-            value: the text of a spec; or a function of one's own, or a tuple of it and its
-                numbers, such as `(fog, 4)`.
+            value: the text of a spec; or the user's own function, or a tuple of the function and
+                its numbers, such as `(fog, 4)`.
         """
         if isinstance(value, Spec):
             return value
@@ -204,7 +203,7 @@ def _form(name: str, model: PerceptionModel) -> Form:
 
 
 def _portable(kind: str, model: PerceptionModel) -> str:
-    """Return by what name other processes find a model: `module:function`, where it can be."""
+    """Return the name by which other processes find a model: `module:function` if possible."""
     path = path_of(model)
     if path is None or is_shipped(model) or is_path(kind) or kind in MODELS.installed:
         return kind
@@ -217,14 +216,14 @@ PERCEPTION = PerceptionFamily("perception")
 
 
 def sight_of(model: Spec, grid: GridMap) -> Sight:
-    """Return how likely percepts succeed on a map.
+    """Return the probabilities that percepts succeed on a map.
 
     Args:
         model: one of the kinds of `PERCEPTION`.
         grid: the map.
 
     Raises:
-        SettingError: a model of the user's own returns something else than probabilities, or the
+        SettingError: a user's model returns something other than probabilities, or the
             map is too large for it.
         PluginError: it fails.
     """
@@ -248,12 +247,12 @@ def sight_of(model: Spec, grid: GridMap) -> Sight:
 
 
 def check_pairs(grid: GridMap, what: str, most: int) -> None:
-    """Raise `SettingError` where a map is too large for what needs all pairs of its cells.
+    """Raise `SettingError` if a map has too many pairs of cells.
 
     Args:
         grid: the map.
-        what: what needs them.
-        most: pairs that there can be.
+        what: what needs all pairs, for the error text.
+        most: the largest number of pairs allowed.
     """
     cells = len(grid.cells)
     if cells**2 > most:
@@ -265,7 +264,7 @@ def check_pairs(grid: GridMap, what: str, most: int) -> None:
 
 @inner
 def succeeds(draw: Any, probability: Any) -> Any:
-    """Return whether a percept succeeds: numbers or arrays of them; the loops compile it.
+    """Return whether a percept succeeds, for numbers or arrays. The loops compile it.
 
     Args:
         draw: the asker's draw of the time step, from `core.game.percepts.Percepts`.
@@ -275,12 +274,12 @@ def succeeds(draw: Any, probability: Any) -> Any:
 
 
 def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int, ...]:
-    """Return whom a robot asks by COORDINATE, in ascending order (paper, Section 3.2; footnote 3).
+    """Return the peers that COORDINATE asks, in ascending order (paper, Section 3.2; footnote 3).
 
     Args:
         peers: the setting: "one" or "all".
         number: the robot, from 0.
-        robots: how many there are.
+        robots: number of robots.
         draw: its draw `streams.PEER` of the time step, in [0, 1).
     """
     if peers == "all" or robots == 1:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which percepts of a run succeed: by the perception model, and by the links of the robots."""
+"""Success of percepts in a run, by the perception model and the links of the robots."""
 
 import functools
 
@@ -13,7 +13,7 @@ from sparse_coord_ros.core.game.streams import LEARNING, PERCEPT, Stream
 
 
 def sight_in(scenario: Scenario) -> Sight:
-    """Return how likely the percepts of a scenario succeed."""
+    """Return the probabilities that percepts of a scenario succeed."""
     sight = sight_of(scenario.perception, scenario.map)
     return sight._replace(tells=scenario.link == UP)
 
@@ -34,7 +34,7 @@ def percepts_can_succeed(scenario: Scenario) -> bool:
 def chance_of_answer(scenario: Scenario) -> float:
     """Return the probability that a question is answered, as far as the settings alone tell.
 
-    It is 1 where that depends on places: robots ask where they are near each other.
+    It is 1 if that depends on places: robots then ask where they are near each other.
     """
     if not percepts_can_succeed(scenario):
         return 0.0
@@ -44,7 +44,7 @@ def chance_of_answer(scenario: Scenario) -> float:
 
 
 class Percepts:
-    """Active perception in a run: which percepts succeed.
+    """Active perception in a run: decides which percepts succeed.
 
     Args:
         scenario: the problem.
@@ -66,6 +66,6 @@ class Percepts:
         return DOWN_DRAW if link.down(step) else stream.at(step)[0]
 
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
-        """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""
+        """Return whether a robot in cell `here` perceives one in cell `there` at a time step."""
         chance = probability(self._sight, here, there)
         return bool(succeeds(self.draw(step, asker), chance))

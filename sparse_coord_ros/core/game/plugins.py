@@ -1,14 +1,14 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Things of the user's own, found by name: from Python, by entry point, or as `module:name`.
+"""The user's own learners, models and games, found by name.
 
-What a name stands for is looked up in this order: what was registered (the package's own
-included), entry points of installed packages, and `module:name`, a module that Python can import
-or that lies in the current directory.
+A name is looked up in this order: registered things (with the package's own), entry points of
+installed packages, and `module:name`, a module that Python can import or that lies in the current
+directory.
 
-Files and messages come from anybody, and importing a module runs it. So a module is imported by
-`module:name` only where it is allowed: by the user, on the command line, as a node's parameter or
-in Python. What a file or a message says allows nothing.
+Files and messages are not trusted, and importing a module runs it. So `module:name` is imported
+only if the user allows it: on the command line, as a node's parameter or in Python. A file or a
+message cannot allow it.
 """
 
 import importlib
@@ -46,7 +46,7 @@ def allowed() -> tuple[str, ...]:
 
 
 def allow_modules(modules: str | Iterable[str]) -> None:
-    """Let modules, and packages with all that is in them, be imported by `module:name`.
+    """Allow modules, and packages with all their modules, to be imported by `module:name`.
 
     It holds for this process and those that it starts.
 
@@ -54,7 +54,7 @@ def allow_modules(modules: str | Iterable[str]) -> None:
         modules: their names; in a text, between blanks.
 
     Raises:
-        SettingError: that is no module's name.
+        SettingError: a text is no module's name.
     """
     given = isinstance(modules, str | Iterable)
     check_argument("allow", modules, given, "names of modules, in a text or a list")
@@ -68,7 +68,7 @@ def allow_modules(modules: str | Iterable[str]) -> None:
 
 
 def of_file(name: str) -> str:
-    """Return how to name what is in a file of Python code; empty: the name is not a file's."""
+    """Return a hint for an error text if a name is a Python file's, else ""."""
     module = Path(name).stem
     return (
         f" (did you mean '{module}:NAME', a name in that file?)"
@@ -86,7 +86,7 @@ def allow_named(given: object) -> None:
 
 @contextmanager
 def leaving_out(what: str, say: Callable[[str], object]) -> Iterator[None]:
-    """Go on without what needs code that nobody allowed, and say so in one line."""
+    """Continue without code that is not allowed to be imported, and report it in one line."""
     try:
         yield
     except NotAllowedError as error:
@@ -99,7 +99,7 @@ class Registry(Generic[T]):
     Args:
         kind: what error messages call one of them, e.g. "learner".
         group: the entry points' group of other packages.
-        check: makes one of whatever a name stands for; raises TypeError with what is wrong.
+        check: converts a found object to this kind; raises TypeError with the reason if it cannot.
     """
 
     def __init__(
@@ -111,10 +111,10 @@ class Registry(Generic[T]):
         self._known: dict[str, T] = {}
 
     def register(self, name: str, thing: object) -> T:
-        """Let a name stand for something of one's own; an equal name of one's own is replaced.
+        """Register the user's own object under a name; it replaces the user's earlier one.
 
         Raises:
-            SettingError: it is nothing of this kind, or the name is none or taken.
+            SettingError: the object is not of this kind, or the name is invalid or taken.
         """
         if not (is_path(name) or (name.isidentifier() and name.isascii())):
             allowed = "letters, digits and '_', not a digit first"
@@ -139,9 +139,9 @@ class Registry(Generic[T]):
         return tuple(point.name for point in self._points())
 
     def _points(self) -> Iterator[EntryPoint]:
-        """Yield the entry points of installed packages; whoever lies beside us is not installed.
+        """Yield the entry points of installed packages.
 
-        Where nothing but the current directory offers one, a foreign folder would.
+        Packages in the current directory do not count: the folder may be a stranger's.
         """
         places = [place for place in sys.path if place and not _is_here(place)]
         for one in distributions(path=places):
@@ -149,12 +149,12 @@ class Registry(Generic[T]):
 
     @property
     def registered(self) -> Mapping[str, T]:
-        """What is registered in this process, by name."""
+        """The objects that are registered in this process, by name."""
         return dict(self._known)
 
     @contextmanager
     def temporary(self) -> Iterator[None]:
-        """Forget at the end what is registered in between."""
+        """Remove, at the end of the block, what the block registers."""
         before = self.registered
         try:
             yield
@@ -163,16 +163,16 @@ class Registry(Generic[T]):
 
     @property
     def usage(self) -> str:
-        """What names are allowed, in words."""
+        """The allowed names, in words."""
         return f"{', '.join(self.names)}, or one of your own as module:name"
 
     def find(self, name: str) -> T:
-        """Return what a name stands for.
+        """Return the object that a name stands for.
 
         Raises:
-            SettingError: nothing has this name, or it is nothing of this kind.
+            SettingError: the name is unknown, or its object is not of this kind.
             NotAllowedError: its module may not be imported.
-            PluginError: its module is there, and fails.
+            PluginError: its module exists, but fails.
         """
         if name in self._known:
             return self._known[name]
@@ -188,8 +188,9 @@ class Registry(Generic[T]):
         module, _, attribute = name.partition(":")
         if self.barred(name):
             raise NotAllowedError(
-                f"{self.kind} {name!r}: module {module} was not imported, for whoever wrote that "
-                f"name chose the code; if you trust it, allow it: --allow {module}, a node's "
+                f"{self.kind} {name!r}: module {module} was not imported, because the author "
+                f"of that name chose the code; if you trust it, allow it: --allow {module}, a "
+                "node's "
                 f"parameter allow, or allow={module!r} in Python"
             )
         with _current_directory():
@@ -197,7 +198,7 @@ class Registry(Generic[T]):
         return self.register(name, found)
 
     def barred(self, name: str) -> bool:
-        """Whether a name stands for code that nobody has allowed to be imported."""
+        """True if a name stands for code that is not allowed to be imported."""
         module = name.partition(":")[0] + "."
         known = name in self._known or any(
             module.startswith(f"{one}.") for one in allowed()
@@ -227,29 +228,29 @@ class Registry(Generic[T]):
     def _missing(self, name: str, error: BaseException) -> SettingError:
         problem = " ".join(str(error).split()) or type(error).__name__
         return SettingError(
-            f"{self.kind} {name!r} is not there ({problem}); install it, or call this where "
+            f"{self.kind} {name!r} was not found ({problem}); install it, or run this where "
             "Python finds its module (PYTHONPATH, or the current directory)"
         )
 
     def made(self, name: str, thing: object) -> T:
-        """Return what a thing that goes by that name stands for.
+        """Return a found object, converted to this kind.
 
         Raises:
-            SettingError: it is nothing of this kind.
+            SettingError: it is not of this kind.
         """
         with retold(SettingError, TypeError, f"{self.kind} {name!r}"):
             return self._check(name, thing)
 
 
 def is_path(name: str) -> bool:
-    """Whether a name has the form `module:name`."""
+    """True if a name has the form `module:name`."""
     return _PATH.fullmatch(name) is not None
 
 
 def path_of(thing: type | Callable[..., object]) -> str | None:
     """Return `module:name` of a class or function, by which other processes find it.
 
-    None where they could not: it was made within a function or typed in, not read from a file.
+    None if they cannot: it was made within a function or typed at a prompt.
     """
     module = getattr(thing, "__module__", "")
     name = getattr(thing, "__qualname__", "")
@@ -260,21 +261,21 @@ def path_of(thing: type | Callable[..., object]) -> str | None:
 
 
 def is_shipped(thing: object) -> bool:
-    """Whether a class, function or object comes with this package."""
+    """True if a class, function or object comes with this package."""
     module = getattr(thing, "__module__", None) or ""
     return module.partition(".")[0] == __name__.partition(".")[0]
 
 
 @contextmanager
 def failing_as(what: str, doing: str) -> Iterator[None]:
-    """Say in one line where code of the user's own failed.
+    """Report a failure of the user's own code in one line, with its place.
 
     Args:
         what: the code's kind and name.
-        doing: what it was called for.
+        doing: the purpose of the call, for the error text.
 
     Raises:
-        PluginError: it raised; the exception that it raised is the cause.
+        PluginError: it raised an exception, which is the cause.
     """
     try:
         yield
@@ -291,7 +292,7 @@ def failing_as(what: str, doing: str) -> Iterator[None]:
 
 
 def _problem(error: BaseException) -> str:
-    """Return what was raised and, where it was other people's code that did, at which line."""
+    """Return the exception as text, with its line if other people's code raised it."""
     theirs = [
         f for f in traceback.extract_tb(error.__traceback__) if not _is_ours(f.filename)
     ]
@@ -305,7 +306,7 @@ def _problem(error: BaseException) -> str:
 
 
 def _is_ours(name: str) -> bool:
-    """Whether a file is this package's, or is what imports modules."""
+    """True if a file belongs to this package or to Python's import system."""
     if name.startswith("<frozen ") or name == importlib.__file__:
         return True
     return Path(name).is_relative_to(Path(__file__).parents[2])

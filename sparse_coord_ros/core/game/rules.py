@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules of the game, each once: starts, moves, percepts, rewards.
+"""The rules of the game: starts, moves, percepts, rewards.
 
-What robots do to each other is in `core.game.interactions`.
+The rules of interactions are in `core.game.interactions`.
 
 The world node, the loops, evaluation, planners and logs call these functions. They run on lists
 in plain Python and on arrays in compiled loops.
@@ -39,13 +39,13 @@ class Problem(NamedTuple):
         starts: start cell [k].
         goals: goal cell [k].
         next_cell: where a move leads [x][move].
-        interactions: what robots do to each other.
-        sight: how likely percepts succeed, always of arrays.
+        interactions: how robots affect each other.
+        sight: probabilities that percepts succeed, always arrays.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
         help_rewards: r^C of help [k].
         start_cells: cells where an exploring start can be [k][number].
-        start_counts: how many they are [k].
+        start_counts: their number [k].
         move_success: probability that a move succeeds.
         goal_reward: r^I at the goal.
         ask_cost: cost of COORDINATE.
@@ -125,7 +125,7 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
 
 @inlined
 def start_of(problem: Problem, draws: Any, k: int, step: int, exploring: float) -> int:
-    """Return where robot k begins an episode: at its start, or at an exploring start.
+    """Return the cell where robot k begins an episode: its start, or an exploring start.
 
     Args:
         problem: the scenario.
@@ -183,8 +183,8 @@ def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
 
     Args:
         all_arrived: whether every robot that acts has arrived.
-        steps: that were made in the episode.
-        most: how many it may have.
+        steps: the steps made in the episode.
+        most: the largest number allowed.
     """
     return all_arrived or steps >= most
 
@@ -197,7 +197,7 @@ def individual_reward(problem: Problem, arrives: bool) -> float:
 
 @inlined
 def common_reward(problem: Problem, k: int, conflict: bool, helped: bool) -> float:
-    """Return r^C of a step for robot k: arrived or not, if any robots miscoordinate or help."""
+    """Return r^C of a step for robot k, arrived or not: paid if any robots miscoordinate or help."""
     felt = problem.penalties[k] if conflict else 0.0
     if helped:
         felt += problem.help_rewards[k]
@@ -212,7 +212,7 @@ def asking_reward(problem: Problem, asked: bool) -> float:
 
 @inlined
 def goal_paid(problem: Problem, factor: float) -> float:
-    """Return what the goal pays from the arrival on, times a factor: it pays for ever."""
+    """Return the total that the goal pays from the arrival on, for ever, times a factor."""
     return factor * problem.goal_reward / (1.0 - problem.discount)
 
 
@@ -223,7 +223,7 @@ def paid_for_ever(
     """Return R_k(t) of a step with all that the goal pays from the arrival on.
 
     Environments for other people's learners pay this: the discounted sum over an episode is the
-    reward that `evaluate` reports.
+    return that `evaluate` reports.
 
     Args:
         problem: the scenario.

@@ -74,8 +74,8 @@ INTERACTIONS = KindFamily(
 CREDIT = SpecFamily(
     "credit",
     Form("own", "once"),
-    Form("team", "as often as there are robots that it falls on"),
-    Form("weight", "as often as this number says", (Number("w", 0.0, 1e6),)),
+    Form("team", "as often as robots pay it"),
+    Form("weight", "this many times", (Number("w", 0.0, 1e6),)),
 )
 """How much a robot weighs r^C while it learns."""
 
@@ -87,10 +87,11 @@ INITIAL_VALUES = ("q_star_init", "q_coord_init")
 
 STAND_OFF = SpecFamily(
     "stand_off",
-    Form("wait", "a robot acts as its values say"),
+    Form("wait", "a robot acts on its values"),
     Form(
         "leave",
-        "with probability p it leaves, if that is worth all but this share of its best move",
+        "with probability p it makes another move whose value is at most this share below its "
+        "best one",
         (Number("p", 0.0, 1.0), Number("share", 0.0, 1.0)),
     ),
 )
@@ -132,30 +133,31 @@ class Robot:
 class Scenario:
     """One learning problem and its protocol: robots on a map, and the settings.
 
-    `given` names the settings that somebody chose, in the file or later; a learner may have
-    defaults of its own for the others (`Learner.defaults`).
+    `given` names the settings that were chosen, in the file or later; a learner may have defaults
+    of its own for the others (`Learner.defaults`).
     """
 
     name: str
     map: GridMap
     robots: tuple[Robot, ...]
     paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
-    steps: int = setting(
-        10_000, "step budget of learning, in transitions", low=1, high=10**7
-    )
+    steps: int = setting(10_000, "learning steps of each robot", low=1, high=10**7)
     goal_reward: float = setting(
         10.0, "r^I paid on arrival and each step after it", low=0, high=LARGEST
     )
     penalty: float = setting(
-        -20.0, "r^C of one miscoordination, paid to all", low=-LARGEST, high=0
+        -20.0,
+        "penalty of a miscoordination (r^C), paid by all robots",
+        low=-LARGEST,
+        high=0,
     )
     common_reward: Spec = setting(
         "same",
-        "what each robot pays of r^C: the penalty, or its own factor times the penalty",
+        "r^C of each robot: the penalty, or its own factor times the penalty",
         COMMON_REWARD,
     )
     ask_cost: float = setting(
-        1.0, "cost of choosing COORDINATE, answered or not", low=0, high=LARGEST
+        1.0, "cost of a question (COORDINATE), answered or not", low=0, high=LARGEST
     )
     discount: float = setting(0.95, "gamma", low=0, high=0.999)
     move_success: float = setting(
@@ -163,33 +165,37 @@ class Scenario:
     )
     interactions: str = setting(
         "together",
-        "what robots do to each other: the kinds of interaction, joined by '+'",
+        "which interactions robots have with each other; several are joined by '+'",
         INTERACTIONS,
     )
     perception: Spec = setting(
-        "always", "when the percept of COORDINATE succeeds", PERCEPTION
+        "always",
+        "perception model: when a question (COORDINATE) is answered",
+        PERCEPTION,
     )
     link: Spec = setting(
-        "up", "when a robot's COORDINATE gets no answer: lost, late or refused", LINKS
+        "up",
+        "link model: when a question fails because it is lost, late or refused",
+        LINKS,
     )
     peers: str = setting(
         "one",
-        "whom COORDINATE perceives: one peer drawn at random, or all of them",
+        "which peers a question goes to: one drawn at random, or all",
         choices=PEERS,
     )
     credit: Spec = setting(
         "own",
-        "how much r^C counts in learning: once, for each robot that it falls on, or as weighed",
+        "weight of r^C in learning: once, once for each robot that pays it, or a number",
         CREDIT,
     )
     referee: bool = setting(
-        False, "whether the reward says with whom a robot interacted"
+        False, "whether a reward names the robots of an interaction"
     )
     max_steps: int = setting(
-        100, "a learning episode ends after as many steps", low=1, high=LONGEST
+        100, "time limit of a learning episode, in time steps", low=1, high=LONGEST
     )
     horizon: int = setting(
-        100, "an evaluation trial ends after as many steps", low=1, high=LONGEST
+        100, "time limit of an evaluation trial, in time steps", low=1, high=LONGEST
     )
     starts: Spec = setting(
         "exploring:1:0.2:0.5", "start cells of learning episodes", STARTS
@@ -206,19 +212,18 @@ class Scenario:
     )
     prior: str = setting(
         "none",
-        "what robots know of their own way before they learn: nothing, or the values of a robot "
-        "alone on the map",
+        "what robots know before they learn: nothing, or the values of a robot alone on the map",
         choices=PRIOR,
     )
     prior_success: float = setting(
         0.0,
-        "probability that a move succeeds with which prior=map counts; 0: move_success",
+        "probability that a move succeeds, as assumed by prior=map; 0: move_success",
         low=0,
         high=1,
     )
     stand_off: Spec = setting(
         "wait",
-        "what a robot does when two questions in a row say that no robot moved",
+        "what a robot does when two questions in a row show that no robot moved",
         STAND_OFF,
     )
     goal_value: float = setting(
@@ -231,7 +236,7 @@ class Scenario:
     given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self) -> None:
-        """Raise `SettingError` where a setting does not fit the robots."""
+        """Raise `SettingError` if a setting does not fit the robots."""
         team = len(self.robots)
         factors = len(self.common_reward.numbers)
         if self.common_reward.kind == "each" and factors != team:
@@ -258,7 +263,7 @@ class Scenario:
             )
 
     def _check_initial_values(self) -> None:
-        """Raise `SettingError` where an initial value was chosen beside `prior: map`."""
+        """Raise `SettingError` if an initial value was chosen beside `prior: map`."""
         defaults = SETTINGS.defaults()
         for name in INITIAL_VALUES:
             value = getattr(self, name)
@@ -271,12 +276,12 @@ class Scenario:
 
     @property
     def known_success(self) -> float:
-        """The probability that a move succeeds, as a robot counts that knows its map."""
+        """The probability of a successful move that a robot with a known map assumes."""
         return self.prior_success or self.move_success
 
     @property
     def label(self) -> str:
-        """Its name, and each setting that has not its default: `env1, penalty=-100`."""
+        """Its name, and each setting that differs from its default: `env1, penalty=-100`."""
         defaults = SETTINGS.defaults()
         own = {
             n: v
@@ -286,7 +291,7 @@ class Scenario:
         return ", ".join([self.name, *(f"{n}={as_text(v)}" for n, v in own.items())])
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         robots = len(self.robots)
         cells = len(self.map.cells)
         return f"<Scenario {self.label}; {robots} robots, {cells} cells>"
@@ -332,12 +337,12 @@ class Scenario:
 
     @property
     def perceived(self) -> int:
-        """How many local states Q^C tells apart: the own one and those of the perceived peers."""
+        """Number of local states in an index of Q^C: the own one and the perceived peers'."""
         return max(2, len(self.robots)) if self.peers == "all" else 2
 
     @property
     def sparse(self) -> bool:
-        """Whether Q^C has rows for visited joint states only, as of `is_sparse`."""
+        """True if Q^C has rows for visited joint states only, as of `is_sparse`."""
         return is_sparse(len(self.map.cells), self.perceived)
 
     def with_settings(
@@ -345,8 +350,8 @@ class Scenario:
     ) -> "Scenario":
         """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
 
-        Who names a perception model of their own here allows its module to be imported. It may
-        also be handed over: `perception=fog`, or `perception=(fog, 4)` with its numbers.
+        Naming a perception model here allows its module to be imported. The function itself also
+        works: `perception=fog`, or `perception=(fog, 4)` with its numbers.
 
         Args:
             values: settings by name; values may be texts, as on the command line.
@@ -360,7 +365,7 @@ class Scenario:
         return self.changed(given)
 
     def changed(self, values: Mapping[str, object]) -> "Scenario":
-        """As `with_settings`, of values from a file: they allow nothing."""
+        """As `with_settings`, for values from a file: they do not allow imports."""
         parsed = SETTINGS.parse(values)
         return replace(self, **parsed, given=self.given | set(parsed))
 
@@ -379,7 +384,7 @@ class Scenario:
         }
 
     def computation(self) -> dict[str, Any]:
-        """Return plain data of all that affects what is computed, for digests.
+        """Return plain data of everything that affects the computation, for digests.
 
         Left out are names, provenance and the paper's rows.
         """
@@ -406,9 +411,9 @@ def dense_nbytes(cells: int, agents: int) -> int:
 
 
 def is_sparse(cells: int, agents: int) -> bool:
-    """Return whether Q^C is no array: it is over more than a pair, or on so large a map.
+    """Return whether Q^C is stored sparsely: for more than two robots, or on a large map.
 
-    There an array would take more than `LARGEST_DENSE` bytes a robot.
+    On a large map, an array would take more than `LARGEST_DENSE` bytes a robot.
     """
     return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
 
@@ -418,7 +423,7 @@ LARGEST_TEAM = 53
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")
-PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+PAPER_MEASURES = ("returns", "time_to_goal", "miscoordinations")
 FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
 
 
@@ -438,7 +443,7 @@ def loaded(scenario: ScenarioLike) -> Scenario:
     """Return a scenario as it is, or load it by its name or path.
 
     Raises:
-        ScenarioError: there is none, or it is none.
+        ScenarioError: it does not exist, or is malformed.
     """
     if isinstance(scenario, Scenario):
         return scenario
@@ -453,11 +458,11 @@ def load_scenario(
     Args:
         name: the name of a shipped scenario or of a generated building (`core.game.buildings`), or
             the path of a scenario file.
-        allow: modules that the file may name, with a perception model of one's own.
+        allow: modules that the file may name, for the user's own perception models.
         **settings: settings to change, as of `Scenario.with_settings`.
 
     Raises:
-        ScenarioError: there is no such scenario, or it is malformed.
+        ScenarioError: the scenario does not exist, or it is malformed.
         MapError: its map is missing or malformed.
         SettingError: a bad setting.
     """

@@ -90,7 +90,7 @@ def step_sizes(schedule: Spec, budget: int) -> StepSizes:
 
 @functools.lru_cache(maxsize=16)
 def probabilities(schedule: Spec, budget: int) -> np.ndarray:
-    """Return epsilon (Algorithm 1, line 4), or how likely an episode begins at an exploring start.
+    """Return epsilon (Algorithm 1, line 4), or the probability of an exploring start.
 
     Args:
         schedule: one of the kinds of `EPSILON` or of `STARTS`.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
+"""Typed settings with ranges, for YAML files, `--set key=value` and ROS parameters."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -28,11 +28,11 @@ class Setting:
     Attributes:
         name: its name in files, on the command line and as a ROS parameter.
         kind: bool, int, float, str, list (of str), or a family of values with a syntax of its own.
-        default: the value where none is given.
+        default: the value if no other is given.
         help: one line: meaning and unit.
         low: smallest number allowed.
         high: largest number allowed.
-        least: smallest number allowed but 0, which turns the thing off; None: no such bound.
+        least: smallest number allowed beside 0, which turns the feature off; None: no bound.
         choices: the strings allowed; empty: any.
     """
 
@@ -47,7 +47,7 @@ class Setting:
 
     @property
     def allowed(self) -> str:
-        """What the setting accepts, in words."""
+        """The allowed values, in words."""
         if not isinstance(self.kind, type):
             return self.kind.usage
         if self.choices:
@@ -148,9 +148,9 @@ class SettingTable(dict[str, Setting]):
 
 
 def tables_from_yaml(path: Path) -> dict[str, SettingTable]:
-    """Return the tables of settings in a YAML file: by table and name the fields of a `Setting`.
+    """Return the tables of settings in a YAML file; each entry has the fields of a `Setting`.
 
-    The default says the kind. What lies below the key `shared` is there for YAML's anchors.
+    The default's type is the kind. The key `shared` holds YAML anchors.
     """
     said: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))
     said.pop("shared")
@@ -191,7 +191,7 @@ def settings_of(dataclass_type: type) -> SettingTable:
 
 
 def as_text(value: object) -> str:
-    """Return a setting's value as it is read back: 20.0 as 20, and -0.0 as 0."""
+    """Return a setting's value as a text that `parse` reads back: 20.0 as 20, and -0.0 as 0."""
     return (
         repr(value + 0.0).removesuffix(".0") if isinstance(value, float) else str(value)
     )

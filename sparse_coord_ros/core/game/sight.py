@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How likely a robot in one cell perceives a robot in another: computed for a pair when asked.
+"""Probability that a robot in one cell perceives a robot in another, computed on demand.
 
-What is kept grows with the map, not with its pairs of cells. Only a model of the user's own is a
-table of all pairs. The functions run in plain Python and in compiled loops.
+Memory grows with the map, not with its pairs of cells. Only a user's own model is a table of all
+pairs. The functions run in plain Python and in compiled loops.
 """
 
 from typing import Any, NamedTuple
@@ -31,10 +31,10 @@ class Sight(NamedTuple):
         squares: of RANGE and LINE_OF_SIGHT the square of each cell, row * columns + column [x].
         free: of LINE_OF_SIGHT whether a square is free [square].
         table: of TABLE the probabilities [x, z].
-        tells: whether a percept that fails tells where the peer is not. It does not where answers
-            also get lost for other reasons.
-        everywhere: whether a percept surely succeeds wherever the peer is [x], or `NOT_LOOKED`;
-            filled in when it is first asked.
+        tells: whether a failed percept tells where the peer is not. It does not if answers also
+            get lost for other reasons.
+        everywhere: whether a percept always succeeds, wherever the peer is [x]; `NOT_LOOKED`
+            until first needed.
     """
 
     kind: int
@@ -114,7 +114,7 @@ def probability(sight: Sight, x: int, z: int) -> float:
 
 @inner
 def _by_place(sight: Sight, x: int, z: int) -> float:
-    """As `probability`, of models that look at the cells."""
+    """As `probability`, for models that depend on the cells."""
     if sight.kind == TABLE:
         found: float = sight.table[x, z]
         return found
@@ -138,7 +138,8 @@ def is_in_sight(free: Any, columns: int, here: int, there: int) -> bool:
     """Return whether the straight line between two squares' centres crosses no wall.
 
     It walks in exact integer steps through every square whose inside the line crosses. A line
-    through a corner point of four squares passes when one of the two beside the corner is free.
+    through a corner point of four squares passes if one of the two squares beside the corner is
+    free.
     """
     rows_apart = there // columns - here // columns
     columns_apart = there % columns - here % columns
@@ -168,10 +169,10 @@ def is_in_sight(free: Any, columns: int, here: int, there: int) -> bool:
 
 @inner
 def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
-    """Return whether a percept that fails says that the peer is not there.
+    """Return whether a failed percept from cell x proves that the peer is not in cell z.
 
-    That is so where it would surely have been perceived. A percept that fails though it would
-    have succeeded wherever the peer is says nothing.
+    It does if a peer in z would surely be perceived. It proves nothing if a percept in x always
+    succeeds: it then failed for another reason.
     """
     if not sight.tells or probability(sight, x, z) < 1.0:
         return False
@@ -182,7 +183,7 @@ def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
 
 @inner
 def _looked_around(sight: Sight, x: int) -> int:
-    """Return what `Sight.everywhere` says of a cell."""
+    """Return `Sight.everywhere` of a cell."""
     for z in range(len(sight.everywhere)):
         if probability(sight, x, z) < 1.0:
             return NO
@@ -221,7 +222,7 @@ def probabilities_between(sight: Sight, cells: np.ndarray) -> np.ndarray:
 
 
 def is_drawn(sight: Sight) -> bool:
-    """Return whether there are probabilities between 0 and 1, so that percepts need draws."""
+    """Return whether percepts need draws: some probability lies between 0 and 1."""
     if sight.kind == CONSTANT:
         return 0.0 < sight.constant < 1.0
     return bool(((sight.table > 0.0) & (sight.table < 1.0)).any())

@@ -38,7 +38,7 @@ class Number:
 
 
 def in_range(words: str, low: float, high: float) -> str:
-    """Return which numbers are allowed, in words; an infinite one: no bound."""
+    """Return the allowed range in words; an infinite limit means no bound."""
     if math.isinf(low):
         return words if math.isinf(high) else f"{words} of at most {_shown(high)}"
     if math.isinf(high):
@@ -85,12 +85,12 @@ class Form(NamedTuple):
 
     @property
     def repeated(self) -> bool:
-        """Whether its last number can be given several times."""
+        """True if its last number can be given several times."""
         return bool(self.numbers) and self.numbers[-1].repeated
 
     @property
     def text(self) -> str:
-        """How it is written; capital letters stand for numbers."""
+        """Its form, e.g. `probability:P`; capital letters stand for numbers."""
         names = [number.name.upper() for number in self.numbers]
         return ":".join([self.kind, *names, *["..."] * self.repeated])
 
@@ -132,7 +132,7 @@ class SpecFamily:
         raise self.unknown(str(value), [form.kind for form in self.forms])
 
     def unknown(self, text: str, known: Sequence[str]) -> SettingError:
-        """Return the error for a kind that is not known; a lone number may lack its kind."""
+        """Return the error for an unknown kind; a lone number may lack its kind."""
         first = [form.kind for form in self.forms if len(form.numbers) == 1]
         hint = of_file(text) or did_you_mean(text.split(":")[0], known)
         if first and not math.isnan(_number(text)):
@@ -210,7 +210,7 @@ class KindFamily(SpecFamily):
 
 
 def _number(text: str) -> float:
-    """Return a text as a number; NaN where it is none."""
+    """Return a text as a number; NaN if it is no number."""
     try:
         return float(text)
     except ValueError:

@@ -1,11 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Buildings that no search has seen: families of generated scenarios, each named by its numbers.
+"""Unseen buildings: families of generated scenarios, each named by its numbers.
 
 `unseen1-door-2r-3` is version 1, kind `door`, two robots, seed 3: the same building everywhere,
 and for ever. Of version 1 even seeds are for tuning, odd ones for validation. Version 2 is for the
-last test. `core.solve.shipped` has those in which robots are in one another's way, with what they
-are measured against.
+final test. `core.solve.shipped` lists those in which robots are in one another's way, with their
+reference values.
 """
 
 import random
@@ -29,7 +29,7 @@ class Building(NamedTuple):
 
     Attributes:
         grid: its symbols, [row][column].
-        parts: the cells of each of its parts: a robot's goal is in another than its start.
+        parts: the cells of each part; a robot's start and goal are in different parts.
     """
 
     grid: list[list[str]]
@@ -46,8 +46,8 @@ def generated(
     """Return a building with its robots as a scenario file has them, parsed.
 
     Args:
-        name: the map's.
-        said: what the building is, in its title.
+        name: the map's name.
+        said: the building's description, for its title.
         rows: its symbols, a text for each row.
         pairs: start and goal of each robot.
         settings: of the scenario.
@@ -67,7 +67,7 @@ def generated(
 
 
 def unseen(name: str) -> dict[str, Any] | None:
-    """Return the building of that name as `generated` does; None: no such name."""
+    """Return the building of that name as `generated` does; None: unknown name."""
     kinds = "|".join(KINDS)
     teams = "|".join(map(str, TEAMS))
     versions = "|".join(VERSIONS)
@@ -89,21 +89,21 @@ elsewhere, and for closing figures, once."""
 
 
 def split_of(name: str) -> str:
-    """Return which of the `SPLITS` an unseen building is in, by its name."""
+    """Return the split of an unseen building, one of `SPLITS`, from its name."""
     if name.startswith(VERSIONS[1]):
         return "test"
     return "tuning" if int(name.rpartition("-")[2]) % 2 == 0 else "validation"
 
 
 def team_of(name: str) -> int:
-    """Return how many robots an unseen building has, by its name."""
+    """Return the number of robots of an unseen building, from its name."""
     return int(name.split("-")[2].removesuffix("r"))
 
 
 def _places(
     plan: Building, robots: int, draw: random.Random
 ) -> tuple[list[Cell], list[Cell]]:
-    """Return starts and goals, each robot's in two parts; no two share a start or a goal."""
+    """Return starts and goals, each robot's in two parts; no start or goal is used twice."""
     while True:
         starts: list[Cell] = []
         goals: list[Cell] = []

@@ -42,8 +42,8 @@ class Reward(NamedTuple):
         common: r^C.
         ask_cost: minus the cost of asking, or 0.
         total: their sum.
-        partners: with whom the robot interacted: the sum of 2^j of the peers j (from 0), 0 for
-            none; `UNKNOWN_PARTNERS` where the world has no `referee`.
+        partners: the peers j (from 0) with which the robot interacted, as a sum of 2^j;
+            `UNKNOWN_PARTNERS` if the world has no `referee`.
     """
 
     individual: float
@@ -54,7 +54,7 @@ class Reward(NamedTuple):
 
 
 class RewardWeights(NamedTuple):
-    """How much each part of R_k(t) counts for whoever learns from it."""
+    """How much each part of R_k(t) counts for a learner."""
 
     individual: float
     common: float
@@ -66,13 +66,13 @@ SUM_OF_PARTS = RewardWeights(1.0, 1.0, 1.0)
 
 
 class Action(NamedTuple):
-    """What an agent does at a time step.
+    """The action of an agent at a time step.
 
     Attributes:
         move: the primitive action (the hatted A_k(t) of Algorithm 1 after COORDINATE).
         asked: whether the agent chose COORDINATE.
-        peer: the agent whose local state it asked for; -1 where it asked nobody or several.
-        perceived: whether the percept (of every agent that was asked) succeeded.
+        peer: the agent whose local state it asked for; -1 if it asked no agent or several.
+        perceived: whether the percept (of every asked agent) succeeded.
     """
 
     move: int
@@ -82,7 +82,7 @@ class Action(NamedTuple):
 
 
 class StepOutcome(NamedTuple):
-    """What one step of the world brought.
+    """Results of one step of the world.
 
     Attributes:
         rewards: R_k(t) of every agent.
@@ -98,16 +98,16 @@ class StepOutcome(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Where a game is between two transitions, so that another world can go on from there.
+    """Position of a game between two transitions; another world can continue from it.
 
     Attributes:
         transitions: steps made so far.
         step: the current time step t.
-        under_way: whether the episode has had a transition; if not, it is yet to begin at `step`,
-            and what follows here means nothing.
+        under_way: whether the episode has had a transition; if not, it begins at `step`, and the
+            following attributes mean nothing.
         episode_start: the time step at which it began.
         cells: the local state X_k(t) of every agent.
-        arrived: whether each agent has reached its goal, or is no part of the game.
+        arrived: whether each agent has reached its goal, or does not take part.
     """
 
     transitions: int
@@ -119,7 +119,7 @@ class Position(NamedTuple):
 
 
 def before_episode(transitions: int, step: int, team: int) -> Position:
-    """Return the position of a game whose next episode is yet to begin, at a time step."""
+    """Return the position of a game whose next episode begins at a time step."""
     return Position(transitions, step, False, step, (0,) * team, (False,) * team)
 
 
@@ -186,12 +186,12 @@ class World:
 
     @property
     def episode_over(self) -> bool:
-        """Whether all agents that act have arrived, or the episode's steps are used up."""
+        """True if all agents that act have arrived, or the episode's steps are used up."""
         steps = self.step - self._episode_start
         return episode_ends(all(self.arrived), steps, self.max_steps)
 
     def position(self) -> Position:
-        """Return where the game is."""
+        """Return the position of the game."""
         if self.step == self._episode_start:
             return before_episode(self.transitions, self.step, len(self.cells))
         cells = tuple(self.cells)
@@ -201,7 +201,7 @@ class World:
         )
 
     def go_on_from(self, position: Position) -> None:
-        """Go on where another world of the same run was; `episode` counts from 0 again."""
+        """Continue from another world's position of the same run; `episode` restarts at 0."""
         self.transitions = position.transitions
         self.step = position.step
         self._episode_start = position.episode_start
@@ -263,7 +263,7 @@ class World:
         return led(self._problem, self._draws, k, self.step, self.cells[k], move)
 
     def settled(self, wanted: Sequence[int]) -> list[int]:
-        """Return the cells in which agents end that want to certain cells in this time step."""
+        """Return the cells in which agents end, from the cells that they want to enter."""
         cells = list(wanted)
         settle(self._problem.interactions, self.cells, cells, self.agents)
         return cells

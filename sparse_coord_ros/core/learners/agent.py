@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One robot in plain Python: what it decides, does and learns, by whatever learner.
+"""One robot in plain Python: it decides, acts and learns, with any learner.
 
 Robot nodes, the verification of logs, films and PettingZoo's tests drive this object; the loops
 of `core.runs.loop` call the same functions for all robots of a team.
@@ -98,7 +98,7 @@ DOING = {
 def _blaming(
     learner: Learner, doing: str, method: Callable[..., Any]
 ) -> Callable[..., Any]:
-    """Return a method that says in one line where a learner of one's own fails."""
+    """Return a method that reports a failure of the user's own learner in one line."""
 
     def blaming(*args: Any) -> Any:
         with learner.blamed(doing):
@@ -111,20 +111,20 @@ class Agent:
     """Agent k of a learner.
 
     Args:
-        learner: who learns.
-        scenario: the problem; of it the agent uses the sizes, the learning protocol and which
-            cell ends its episodes.
+        learner: the learner.
+        scenario: the problem; the agent uses its sizes, its learning protocol and the robot's
+            goal.
         number: k, from 0.
         seed: the run's seed.
-        memory: what it remembers; None: nothing yet.
+        memory: a memory to continue with; None: an empty one.
         learning: False: act greedily and never learn.
         phase: LEARNING or EVALUATION: which random draws the agent uses.
 
     Attributes:
         learner, scenario, number, learning: as of the arguments.
         goal: the cell that ends its episodes.
-        task: what it knows of its task.
-        mind: what it has learned, as lists; it goes on learning in it.
+        task: its task.
+        mind: its learned tables, as lists; they change as it learns.
         peers: the other robots, in ascending order.
     """
 
@@ -202,7 +202,7 @@ class Agent:
     ) -> int:
         """Return the move that COORDINATE becomes if the robot does not leave a stand-off.
 
-        `act` returns another one just where it leaves one.
+        `act` returns another move only if the robot leaves a stand-off.
 
         Args:
             step: t.
@@ -294,15 +294,15 @@ class Agent:
 
     @property
     def tables(self) -> Tables:
-        """What it has learned so far; a copy."""
+        """The learned tables, a copy."""
         return Tables(self.scenario, self.learner, self.number, self.memory())
 
     def memory(self) -> dict[str, np.ndarray]:
-        """Return all that it remembers; a copy."""
+        """Return the memory, a copy."""
         return memory_of(self.mind)
 
     def go_on_from(self, memory: Memory) -> None:
-        """Go on with what another agent of the same run has learned; the memory is checked."""
+        """Continue with the memory of another agent of the same run, after a check."""
         self.mind = as_lists(self._initial, memory)
 
     def _seen(self, perceived: tuple[int, ...] | None) -> tuple[int, ...]:
@@ -329,7 +329,7 @@ class Agent:
 
 
 def action_of(decision: Decision, move: int, *, perceived: bool) -> Action:
-    """Return what an agent does, its decision having become a move."""
+    """Return the action of an agent, from its decision and its move."""
     asks = decision.action == COORDINATE
     peers = decision.peers
     peer = peers[0] if asks and len(peers) == 1 else NOBODY

@@ -21,16 +21,16 @@ from sparse_coord_ros.core.learners.rules import (
 
 
 class NonCoop(Learner):
-    """Q-learning of all robots at once, each for itself (paper, Section 4)."""
+    """Q-learning, all robots learn at once, each for itself (paper, Section 4)."""
 
     name = "noncoop"
     title = "Non-coop."
-    summary = "Q-learning of all robots at once"
+    summary = "Q-learning, all robots learn at once"
     asks = False
     values = ("q_star",)
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action]; NaN for COORDINATE.
@@ -51,7 +51,7 @@ class NonCoop(Learner):
     def asking_values(
         mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
-        """Set the values of Q*: what is perceived does not matter."""
+        """Set the values of Q*, whatever is perceived."""
         copy_moves(mind.q_star[cell], values)
 
     @staticmethod
@@ -69,9 +69,9 @@ class NonCoop(Learner):
 
 
 class Indiv(NonCoop):
-    """Q-learning of one robot at a time, so that none ever meets another (paper, Section 4)."""
+    """Q-learning of one robot at a time, so that robots never meet (paper, Section 4)."""
 
     name = "indiv"
     title = "Indiv."
-    summary = "Q-learning of one robot at a time"
+    summary = "Q-learning, one robot learns at a time"
     alone = True

@@ -41,7 +41,7 @@ class Coop(Learner):
     summary = "Algorithm 1"
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action].
@@ -54,7 +54,7 @@ class Coop(Learner):
         q_coord: Rows
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` where joint states are more than can be numbered."""
+        """Raise `SettingError` if there are too many joint states to number."""
         super().check(scenario)
         cells = len(scenario.map.cells)
         if cells**scenario.perceived >= MOST_JOINT_STATES:
@@ -101,7 +101,7 @@ class Coop(Learner):
 
     @staticmethod
     def learn(mind: Mind, task: Task, now: Transition) -> None:
-        """Update Q^C where a peer was perceived, then Q*."""
+        """Update Q^C if a peer was perceived, then Q*."""
         reward = reward_of(now)
         after = expected(mind, task, now)
         if now.seen != 0:  # line 12

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""CQ-learning (De Hauwere, Vrancx & Nowe, AAMAS 2010): ask where rewards are not a lone robot's.
+"""CQ-learning (De Hauwere, Vrancx & Nowe, AAMAS 2010): ask where rewards differ from those alone.
 
 A robot begins with Q* of a robot alone (`core.learners.lone`), which never changes. It compares
 the rewards of each own cell and move with those that it would get alone, by Student's t-test on
@@ -11,14 +11,14 @@ learns
 
     Q^C(x, z, a) = (1 - alpha) Q^C(x, z, a) + alpha (r + gamma max_b Q*(y, b)).
 
-Other joint states keep Q*, by which it also acts after a failed percept. The price of asking is
-in no reward that it learns from: the paper has none, and where the robot asks is not a matter of
-values. In tables Q*(x, COORDINATE) says where: it is `MARK` above the best move in marked cells,
-`MARK` below it in others.
+Other joint states keep Q*, by which it also acts after a failed percept. The rewards that it
+learns from leave out the price of asking: the paper has no such price, and marks, not values,
+decide where the robot asks. In tables Q*(x, COORDINATE) shows them: it is `MARK` above the best
+move in marked cells, `MARK` below it in others.
 
-With `peers: all` it tests and marks the joint state with each peer by itself. A move is then worth
-the least that it is worth in these pairs. With a `referee` too it charges a peer with r^C only
-where that peer was in the same doorway. Both are choices of our own.
+With `peers: all` it tests and marks the joint state with each peer by itself. The value of a move
+is then the least of its values in these pairs. With a `referee` too it charges a peer with r^C
+only where that peer was in the same doorway. Both are choices of our own.
 """
 
 from typing import Any, NamedTuple
@@ -72,12 +72,12 @@ class CQ(Learner):
 
     name = "cq"
     title = "CQ-learning"
-    summary = "CQ-learning: asks in cells that it marks (De Hauwere et al., 2010)"
+    summary = "CQ-learning; asks in cells marked by a statistical test (De Hauwere et al., 2010)"
     needs_map = True
     partners = True
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* [cell][action].
@@ -93,7 +93,7 @@ class CQ(Learner):
         samples: Any
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` unless it knows the map, which is small."""
+        """Raise `SettingError` unless the robot knows the map and the map is small."""
         super().check(scenario)
         if is_sparse(len(scenario.map.cells), 2):
             raise SettingError(
@@ -102,7 +102,7 @@ class CQ(Learner):
             )
 
     def rows_of_a_cell(self, scenario: Scenario) -> int:
-        """Return how many joint states with a peer there can be for each own cell."""
+        """Return the largest number of joint states with a peer for each own cell."""
         cells = len(scenario.map.cells)
         return cells if scenario.perceived == 2 else cells * len(scenario.robots)
 
@@ -121,7 +121,7 @@ class CQ(Learner):
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Mind:
-        """Return tables of which nothing is known; no cell is marked."""
+        """Return tables without knowledge; no cell is marked."""
         cells = len(scenario.map.cells)
         pairs = CQ().rows_of_a_cell(scenario)
         seen = scenario.perceived - 1
@@ -164,7 +164,7 @@ class CQ(Learner):
 
     @staticmethod
     def explores(mind: Mind, task: Task, seen: int) -> bool:
-        """Return that the move after COORDINATE is explored as any other."""
+        """Return True: the move after COORDINATE is explored as any other."""
         return True
 
     @staticmethod
@@ -193,7 +193,7 @@ def pair_key(mind: Any, task: Task, cell: int, peer: int, cells: Any) -> int:
     """Return the number of the joint state with a peer, of all own cells.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         cell: its own cell.
         peer: the peer, which is told apart from others with `peers: all`.
@@ -236,7 +236,7 @@ def learn_pair(mind: Any, task: Task, now: Transition, peer: int) -> None:
 
 @inner
 def is_marked(values: Values) -> bool:
-    """Return whether a row of Q* says that its cell is marked."""
+    """Return whether a cell is marked, by its row of Q*."""
     return bool(values[COORDINATE] > greatest(values, PRIMITIVES))
 
 
@@ -246,7 +246,7 @@ def differs(sample: Any, value: float) -> bool:
 
     Args:
         sample: the window: [COUNT, SUM, SQUARES]; it begins anew when it is full.
-        value: the reward less that of a lone robot with the same transition.
+        value: the reward minus that of a lone robot with the same transition.
     """
     if sample[COUNT] < 0.0:
         return True

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Algorithm 1 with Q* and Q^C in factors: U, what a robot does alone, and what its peers change.
+"""Algorithm 1 with Q* and Q^C in factors: values U of a robot alone, and corrections by its peers.
 
     Q*(x, b)          = U(x, b) + r_bar(x, b)                      for the four moves b
     Q*(x, COORDINATE) = max_b U(x, b) - cost of asking + W(x)
@@ -72,7 +72,7 @@ class Factored(Learner):
 
     name = "factored"
     title = "Factored"
-    summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
+    summary = "Algorithm 1 for the team's return; Q^C: an individual part plus sparse corrections"
     draws = True
     partners = True
     rules_out = True
@@ -90,7 +90,7 @@ class Factored(Learner):
     scratch = ("correction", "found", "there", "blame")
 
     class Mind(NamedTuple):
-        """What a robot has learned; x is a cell, b a move.
+        """The learned tables of a robot; x is a cell, b a move.
 
         Attributes:
             q_star: Q* [x][action], kept up to date.
@@ -98,25 +98,25 @@ class Factored(Learner):
             updates: how often a move was tried [x][b], and COORDINATE [x][4].
             u: U [x][b].
             r_bar: r^C to be expected without knowing where the peers are [x][b].
-            w: W, what a percept is worth [x].
+            w: W, the value of a percept [x].
             rho: a row [b] for own cell, peer and its cell; and one for failed percepts.
             door: the last r^C felt on coming to a cell, or staying there, weighed; 0: never any.
             passage: the last r^C felt on coming to a cell in exchange for a peer, likewise.
-            narrow: whether the robot was ever stopped on its way into a cell [x].
+            narrow: whether a peer ever stopped the robot on its way into a cell [x].
             commons: updates of each entry of r_bar [x][b].
             moved: how often a move led out of its cell [x][b].
-            successor: where it led the last time that it did [x][b].
+            successor: the cell where it led the last time [x][b].
             last: of the last step with COORDINATE: the step after it, the move and all robots'
                 cells, the peers' `NOT_PERCEIVED` where the percept failed.
             tried: the moves that were tried, x * moves + b, in the order of their first time.
-            used: how many they are [0].
+            used: the number of tried moves [0].
             alone: U of a robot that is alone in the world [x][b].
-            asked: of the last question that was answered: the step after it, and all robots'
-                cells then.
+            asked: of the last question with an answer: the step after it, and all robots' cells
+                then.
             correction: space for Q^C(x, z, .) - U(x, .) [b].
             found: space for the rows that it adds up to [robot].
-            there: space for what the second of two questions is worth where each move leads [b].
-            blame: space for how far each robot is in the way there [b][robot].
+            there: space for the value of the second of two questions where each move leads [b].
+            blame: space for the degree to which each robot is in the way there [b][robot].
         """
 
         q_star: Any
@@ -185,7 +185,7 @@ class Factored(Learner):
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Check the prior, where moves led and how often, r^C, and the last question."""
+        """Check the prior, the successors and counts of moves, r^C, and the last question."""
         cells = len(scenario.map.cells)
         prior = prior_of(memory)
         if prior != scenario.prior:
@@ -271,7 +271,7 @@ class Factored(Learner):
     def informed(
         mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
     ) -> Mind:
-        """Return the factors of a robot that knows its map: U, and where moves lead how often."""
+        """Return the factors of a robot that knows its map: U, and its model of moves."""
         q_star = known_q_star(scenario, robot, weights, mind.q_star)
         alone = q_star[:, :PRIMITIVES]
         lead = scenario.map.next_cell
@@ -296,7 +296,7 @@ class Factored(Learner):
     def asking_values(
         mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
-        """Set U + rho, of what is perceived or of failed percepts."""
+        """Set the values U + rho, with rho of the perceived peers or of failed percepts."""
         correct(mind, task, cell, seen, cells)
         for b in range(PRIMITIVES):
             values[b] = mind.u[cell][b] + mind.correction[b]
@@ -310,9 +310,9 @@ class Factored(Learner):
     def stands_off(
         mind: Mind, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
     ) -> bool:
-        """Return whether the robot asked in the last step, too, and saw no robot move since.
+        """Return whether the robot also asked in the last step, and no robot has moved since.
 
-        If so, and if its best move leads nowhere, values alone would let it stand for ever.
+        If its best move also leaves it in its cell, it would otherwise stand there for ever.
         """
         if seen == 0:
             return False
@@ -325,7 +325,7 @@ class Factored(Learner):
 
     @staticmethod
     def way_out(mind: Mind, task: Task, cell: int, values: Any, move: int) -> int:
-        """Return the best move that leads away, if it is worth nearly as much as the best."""
+        """Return the best move that leads away, if its value is close to that of the best move."""
         found = move
         for b in range(PRIMITIVES):
             if mind.moved[cell][b] > 0 and (found == move or values[b] > values[found]):
@@ -358,7 +358,7 @@ class Factored(Learner):
 
     @staticmethod
     def share_of_surplus(mind: Mind, task: Task, first: int, here: float) -> float:
-        """Return what waiting at the first question brought, for each peer in the way.
+        """Return the gain of waiting at the first question, for each peer in the way.
 
         The peers share a surplus: if each were credited with all of it, r_bar would say that
         waiting pays without asking, too. A loss counts in full.
@@ -380,13 +380,13 @@ class Factored(Learner):
 
     @staticmethod
     def update_by_percept(mind: Mind, task: Task, cell: int, floor: float) -> None:
-        """Move r_bar of every move toward what the percept corrects."""
+        """Move r_bar of every move toward the correction of the percept."""
         for b in range(PRIMITIVES):
             mind.r_bar[cell][b] = toward(mind.r_bar[cell][b], floor, mind.correction[b])
 
     @staticmethod
     def look_back(mind: Mind, task: Task, now: Transition) -> None:
-        """Learn from two questions in a row what each move would have brought at the first."""
+        """Learn from two questions in a row the result of each move at the first."""
         last = mind.last
         first = last[2 + task.number]
         for b in range(PRIMITIVES):
@@ -409,7 +409,7 @@ class Factored(Learner):
 
     @staticmethod
     def replay(mind: Mind, task: Task, now: Transition) -> None:
-        """Set U of moves to what the own model says of them (Dyna).
+        """Set U of moves to their values in the robot's own model (Dyna).
 
         They are drawn among the moves that were tried. A robot that knows its map replays all
         moves of the cell.
@@ -435,7 +435,7 @@ def prior_of(memory: Memory) -> str:
 
 
 def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
-    """Check what is kept of the last step with COORDINATE."""
+    """Check the memory of the last step with COORDINATE."""
     step, move, *_ = last
     peers = np.delete(last[2:], robot)
     failed = bool(np.all(peers == NOT_PERCEIVED))
@@ -494,12 +494,12 @@ def failed_key(cell: int, cells: int, robots: int) -> int:
 
 
 def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
-    """Return what the keys of rho mean: shape (rows, 3), int64.
+    """Return the states that the keys of rho stand for: shape (rows, 3), int64.
 
     Args:
         keys: of rows, shape (rows,).
         cells: of the map.
-        robots: how many there are.
+        robots: number of robots.
 
     Returns:
         The own cell, the peer (from 0) and its cell; twice `NOT_PERCEIVED` for a failed percept.
@@ -516,7 +516,7 @@ def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
 
 
 def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
-    """Return the key of a row of rho that `states_of` says."""
+    """Return the key of a row of rho from its state, as of `states_of`."""
     cell, peer, place = state
     if peer == NOT_PERCEIVED:
         return failed_key(cell, cells, robots)
@@ -529,7 +529,7 @@ def corrections_of(
     """Return rho of a move, by (peer, its cell); by twice `NOT_PERCEIVED` if the percept failed.
 
     Args:
-        mind: what the robot remembers, as lists.
+        mind: the robot's mind, as lists.
         task: its task.
         cell: the own cell.
         perceived: the cells of the peers, by peer; None: the percept failed.
@@ -587,7 +587,7 @@ def add_row(mind: Any, key: int) -> int:
 
 @inner
 def gain(u: Values, correction: Values) -> float:
-    """Return what a percept changes in the value of the best move."""
+    """Return the change of the best move's value by a percept."""
     best = u[0] + correction[0]
     for b in range(1, PRIMITIVES):
         best = max(best, u[b] + correction[b])
@@ -615,9 +615,9 @@ def toward(value: float, alpha: float, target: float) -> float:
 
 @inlined
 def led_to(mind: Any, task: Task, now: Transition) -> int:
-    """Return where the move of a step leads a robot that is alone.
+    """Return the cell where the move of a step leads a robot alone.
 
-    That is the next cell; but of a robot that was stopped, where the move led before.
+    That is the next cell; if a peer stopped the robot, the cell where the move led before.
     """
     if was_stopped(mind, task, now):
         cell: int = mind.successor[now.cell][now.move]
@@ -635,9 +635,9 @@ def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
 
 @inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or what being stopped on the way to cell y costs; note where it cost.
+    """Return r^C, or the loss from a stop on the way to cell y; note the place.
 
-    Help has no place of its own: it was felt as the peer was in another cell.
+    Help has no place of its own: the robot felt it while the peer was in another cell.
     """
     if y != now.next_cell:
         mind.narrow[y] = True
@@ -658,7 +658,7 @@ def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
 
 @inlined
 def loss_of_stop(task: Task) -> float:
-    """Return what a stop counts: a share of what arrival is worth."""
+    """Return the loss from a stop: a share of the value of arrival."""
     arrival: float = task.goal_reward + task.discount * task.goal_value
     return STOP * arrival
 
@@ -679,11 +679,11 @@ def learn_move(mind: Any, task: Task, now: Transition, y: int, brought: float) -
     """Learn U and the model from a move and, if the robot did not ask, r_bar.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         now: the step.
-        y: where the move leads a robot that is alone.
-        brought: what peers brought.
+        y: the cell where the move leads a robot alone.
+        brought: r^C or the loss from a stop, as of `brought_by_peers`.
     """
     x = now.cell
     b = now.move
@@ -711,14 +711,14 @@ def learn_move(mind: Any, task: Task, now: Transition, y: int, brought: float) -
 
 @inlined
 def plan_cell(mind: Any, task: Task, x: int) -> None:
-    """Set U of all moves in a cell to what the model says of them."""
+    """Set U of all moves in a cell to their values in the model."""
     for b in range(PRIMITIVES):
         plan_move(mind, task, x, b)
 
 
 @inlined
 def plan_move(mind: Any, task: Task, x: int, b: int) -> None:
-    """Set U of a move, and what it is worth to a robot alone, to what the model says of it."""
+    """Set U of a move, and its value to a robot alone, by the model."""
     s = mind.successor[x][b]
     share = mind.moved[x][b] / (mind.updates[x][b] + task.map_samples)
     arrival = task.goal_reward + task.discount * task.goal_value
@@ -735,13 +735,13 @@ def plan_move(mind: Any, task: Task, x: int, b: int) -> None:
 
 @inlined
 def learn_asking(mind: Any, task: Task, now: Transition, brought: float) -> None:
-    """Learn from COORDINATE: rho of what was perceived, and what percepts are worth.
+    """Learn from COORDINATE: rho of the percept, and W.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         now: the step.
-        brought: what peers brought.
+        brought: r^C or the loss from a stop, as of `brought_by_peers`.
     """
     x = now.cell
     if now.seen == 0:
@@ -770,7 +770,7 @@ def learn_asking(mind: Any, task: Task, now: Transition, brought: float) -> None
 def learn_rho(
     mind: Any, task: Task, now: Transition, row: int, b: int, common: float
 ) -> None:
-    """Learn one entry of rho from the r^C that is its peer's doing."""
+    """Learn one entry of rho from the r^C that its peer caused."""
     updates = mind.rho.updates[row]
     values = mind.rho.values[row]
     count = updates[b] + 1
@@ -799,9 +799,9 @@ def note_question(mind: Any, task: Task, now: Transition) -> None:
 
 @inlined
 def surplus(mind: Any, task: Task, cell: int) -> float:
-    """Return what the percept of `mind.correction` is worth in a cell one step later.
+    """Return the value of the percept of `mind.correction` in a cell one step later.
 
-    Beyond the average of percepts there.
+    It is counted beyond the average of percepts there.
     """
     worth: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
     return worth
@@ -809,10 +809,10 @@ def surplus(mind: Any, task: Task, cell: int) -> float:
 
 @inlined
 def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> None:
-    """Set what the second question would have been worth where a move leads, and who is there.
+    """Set the value of a second question where a move leads, and the peers in the way there.
 
     Args:
-        mind: what the robot remembers; `there` and `blame` are set.
+        mind: the robot's mind; `there` and `blame` are set.
         task: the robot's task.
         now: the step with the second question.
         first: the cell of the first question.
@@ -837,7 +837,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
 
 @inlined
 def in_the_way(mind: Any, task: Task, first: int) -> int:
-    """Return how many peers were in the way at the first of two questions."""
+    """Return the number of peers in the way at the first of two questions."""
     count = 0
     best = best_move(mind.u[first])
     for peer in range(task.robots):
@@ -860,21 +860,21 @@ def learn_first(
     peers: int,
     here: float,
 ) -> None:
-    """Learn what the moves would have brought at the first question, for one row of rho.
+    """Learn the results of the moves at the first question, for one row of rho.
 
     Each move that was tried would have led to its successor, or left the robot in its cell. Where
-    a peer is now, and r^C was felt there once, it would have been felt. Of the move that was made
-    r^C is learned already. Being there has the value that the second question would have had,
-    and waiting as well, if peers are in the way.
+    a peer is now, and r^C was once paid there, the move would have cost r^C. (For the actual move
+    r^C is learned already.) The new cell counts with the value of a second question there, and
+    so does waiting, if peers are in the way.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: the robot's task.
         now: the step with the second question.
         first: the cell of the first question.
-        key: of the row of what was perceived there.
-        peers: whose row it is, the sum of 2^j; all of a failed percept.
-        here: what the second question would have been worth in the first cell.
+        key: of the row of the percept there.
+        peers: the peers of the row, the sum of 2^j; all peers for a failed percept.
+        here: the value of the second question in the first cell.
     """
     row = place(mind.rho, key)
     rho = mind.rho.values[row]
@@ -911,10 +911,10 @@ def learn_first(
 
 @inlined
 def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
-    """Return how much of what is in the way these peers are; if nothing is, the shares are equal.
+    """Return these peers' share of the obstruction; if no peer is in the way, shares are equal.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: the robot's task.
         peers: the sum of 2^j.
         b: the move.
@@ -971,5 +971,5 @@ def would_stop(
 
 @inlined
 def is_empty(task: Task, now: Transition, cell: int) -> bool:
-    """Return whether a failed percept says that a cell is empty: of one peer alone."""
+    """Return whether a failed percept proves that a cell is empty; only with one peer."""
     return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)

@@ -30,7 +30,9 @@ class Hysteretic(NonCoop):
 
     name = "hysteretic"
     title = "Hysteretic Q"
-    summary = "hysteretic Q-learning: smaller steps where a value falls (Matignon et al., 2007)"
+    summary = (
+        "hysteretic Q-learning; values fall at a smaller rate (Matignon et al., 2007)"
+    )
 
     @staticmethod
     def share_of_alpha(mind: Any, task: Task) -> float:

@@ -1,10 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Joint-state Q-learning: what two robots learn that see each other always.
+"""Joint-state Q-learning of two robots that always see each other.
 
 Each learns for itself, by Watkins' Q-learning, over the joint state. Q^C begins at the Q* of a
-lone robot that pays as much (`core.learners.lone`) and bootstraps on itself, as the next joint
-state is seen too:
+lone robot that pays as much (`core.learners.lone`). It bootstraps on itself, as the robot also
+sees the next joint state:
 
     Q^C(x, z, a) = (1 - alpha) Q^C(x, z, a) + alpha (r + gamma max_b Q^C(y, z', b)).
 
@@ -43,20 +43,20 @@ class Joint(Learner):
 
     name = "joint"
     title = "Joint-state Q"
-    summary = "Q-learning of two robots over the joint state, which they always see"
+    summary = "Q-learning of two robots on the joint state, which both always know"
     sees_all = True
     needs_map = True
     scratch = ("price", "row")
     given = ("price",)
 
     class Mind(NamedTuple):
-        """What a robot has learned.
+        """The learned tables of a robot.
 
         Attributes:
             q_star: Q* of a lone robot that asks everywhere [cell][action].
             updates: how often it has learned in each cell, in the column of COORDINATE.
             q_coord: Q^C: a row [move] for each joint state.
-            price: what a step costs [0].
+            price: the cost of a step [0].
             row: space for a row [move].
         """
 
@@ -78,12 +78,12 @@ class Joint(Learner):
             )
 
     def weights(self, scenario: Scenario) -> RewardWeights:
-        """Return how much each part of R_k(t) counts: the price of asking is due anyway."""
+        """Return how much each part of R_k(t) counts: each step costs a question anyway."""
         return super().weights(scenario)._replace(ask_cost=0.0)
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Mind:
-        """Return tables of which nothing is known."""
+        """Return tables without knowledge."""
         cells = len(scenario.map.cells)
         q_star = np.zeros((cells, len(ACTIONS)))
         return Joint.Mind(

@@ -1,11 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a learner is: a class with static methods that read and write one robot's mind.
+"""The base class of learners: its static methods read and write one robot's mind.
 
 The methods run on lists in a robot node and in plain Python, and on arrays in the compiled loops:
 they may index (`mind.q_star[cell][b]`), compute and call functions marked by `compiling.inner`,
-and make nothing. A learner of one's own overrides one of them or more; a memory of its own is an
-entry of `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md.
+and create no objects. A user's own learner overrides one or more of them; further memory is
+declared in `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md.
 """
 
 import functools
@@ -44,7 +44,7 @@ Made = Callable[[Scenario, int], np.ndarray]
 def _guarded(
     method: Callable[..., Any], name: str, check: Callable[[str, Any], Any]
 ) -> Callable[..., Any]:
-    """Return a method of a learner of one's own that says in one line where it fails.
+    """Return a method of a user's own learner that reports its failures in one line.
 
     Args:
         method: the method.
@@ -93,28 +93,29 @@ class Learner:
     """One learner: its names, what it needs, and how its robots choose and learn.
 
     Attributes:
-        name: what it is called where learners are named, once it is registered.
-        title: what it is called in print; empty: its label.
-        summary: one line: what it is.
+        name: its name for users, once it is registered.
+        title: its name in print; empty: its label.
+        summary: its description, one line.
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
             Such a learner cannot run live.
         sees_all: whether its robots see all others in every step, asked or not. Such a learner
             cannot run live either.
-        draws: whether it wants a random number in each step (`Transition.draw`).
-        partners: whether it wants to know with whom a robot interacted
-            (`Transition.partners`), where the scenario has a referee.
-        rules_out: whether it asks where a peer cannot be when a percept fails (`Task.sight`).
+        draws: whether it needs a random number in each step (`Transition.draw`).
+        partners: whether it uses the peers with which a robot interacted
+            (`Transition.partners`), if the scenario has a referee.
+        rules_out: whether it uses `Task.sight` to rule out cells of a peer after a failed percept.
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
         leaves: whether it can leave a stand-off (setting `stand_off`).
-        defaults: values of scenario settings where neither the scenario nor the user chose one;
-            `run.yaml` says each value that held.
-        Mind: the named tuple of what a robot remembers; `initial` fills it.
-        memory: further fields of it, each with what makes its array before learning.
-        values: fields with what it has learned, but for counts: what another run can begin with.
-        given: fields that `initial` computes again: they are no part of files and logs.
-        scratch: fields that mean nothing between two calls; likewise.
-        entry_point: what an installed package calls it; None: none does. The registry sets it.
+        defaults: values of scenario settings that neither the scenario nor the user chose;
+            `run.yaml` records each value used.
+        Mind: the named tuple of a robot's memory; `initial` fills it.
+        memory: further fields of it, each with a function that makes its array before learning.
+        values: fields with learned values, without counts; another run can begin with them.
+        given: fields that `initial` computes again; files and logs leave them out.
+        scratch: fields without meaning between two calls; likewise left out.
+        entry_point: its name as an entry point of an installed package, or None. The registry
+        sets it.
     """
 
     name: str | None = None
@@ -137,7 +138,7 @@ class Learner:
     entry_point: str | None = None
 
     def __init_subclass__(cls, **more: object) -> None:
-        """Give the class its own names, and the class of its minds."""
+        """Give the class its names and its class of minds."""
         super().__init_subclass__(**more)
         for attribute in ("name", "title", "summary"):
             if attribute not in vars(cls):
@@ -171,7 +172,7 @@ class Learner:
 
     @property
     def own_memory(self) -> Mapping[str, Made]:
-        """What the class and its base classes add to the mind by `memory`."""
+        """The fields that the class and its base classes add to the mind by `memory`."""
         found: dict[str, Made] = {}
         for one in reversed(type(self).__mro__):
             found |= vars(one).get("memory", {})
@@ -211,8 +212,8 @@ class Learner:
         """Set the values by which COORDINATE chooses a move (Algorithm 1, lines 6 to 10).
 
         Args:
-            mind: what the robot remembers.
-            task: what it knows of its task.
+            mind: the robot's mind.
+            task: its task.
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
             cells: the cells of all robots; those of peers that are not seen mean nothing.
@@ -232,8 +233,8 @@ class Learner:
         """Return whether the robot is in a stand-off that it may leave, in the paper never.
 
         Args:
-            mind: what the robot remembers.
-            task: what it knows of its task.
+            mind: the robot's mind.
+            task: its task.
             step: the time step t, in which it asks.
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
@@ -247,8 +248,8 @@ class Learner:
         """Return the move by which the robot leaves a stand-off.
 
         Args:
-            mind: what the robot remembers.
-            task: what it knows of its task.
+            mind: the robot's mind.
+            task: its task.
             cell: X_k(t).
             values: of the moves, as of `asking_values`.
             move: the best move.
@@ -257,7 +258,7 @@ class Learner:
 
     @staticmethod
     def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
-        """Return what is expected from a cell on that is not the goal."""
+        """Return the expected return from a cell that is not the goal."""
         raise NotImplementedError
 
     @staticmethod
@@ -269,13 +270,13 @@ class Learner:
 
     @property
     def label(self) -> str:
-        """What it is called in files, so that other processes find it.
+        """Its name in files, by which other processes find it.
 
         The name of a learner of this package, or of one that an installed package registers as an
         entry point; else `module:Class`; else its name, under which each process must register it.
 
         Raises:
-            SettingError: there is none.
+            SettingError: it has no such name.
         """
         if is_shipped(self):
             label = self.name
@@ -295,11 +296,11 @@ class Learner:
 
     @property
     def runs_live(self) -> bool:
-        """Whether its robots learn together and each for itself, as nodes do."""
+        """True if its robots learn together and each for itself, as nodes do."""
         return not (self.alone or self.sees_all)
 
     def __repr__(self) -> str:
-        """Return what the learner is called in files."""
+        """Return the learner's name in files."""
         return f"<learner {self.label}>"
 
     # A team.
@@ -325,7 +326,7 @@ class Learner:
         return replace(scenario.with_settings(values), given=scenario.given)
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` where it cannot learn a scenario; called before a run begins."""
+        """Raise `SettingError` if it cannot learn a scenario; called before a run begins."""
         if self.needs_map and scenario.prior != "map":
             raise SettingError(
                 f"setting prior: value is {scenario.prior!r}, allowed with learner {self.label}: "
@@ -340,17 +341,17 @@ class Learner:
             )
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Raise `ValueError` unless a robot (from 0) can have learned that.
+        """Raise `ValueError` unless a robot (from 0) can have learned this memory.
 
         Types, shapes and counts are right already, and values are finite.
         """
 
     def rows_of_a_cell(self, scenario: Scenario) -> int:
-        """Return how many rows of what depends on peers there can be for each own cell."""
+        """Return the largest number of rows that depend on peers, for each own cell."""
         return int(len(scenario.map.cells) ** (scenario.perceived - 1))
 
     def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
-        """Return how many such rows a robot has learned, by the own cell, (cells,), int64."""
+        """Return the number of such rows learned, by the own cell, (cells,), int64."""
         keys = memory.get("q_coord_keys", np.zeros(0, dtype=np.int64))
         own = keys // self.rows_of_a_cell(scenario)
         return np.bincount(own, minlength=len(scenario.map.cells))
@@ -363,12 +364,12 @@ class Learner:
         return RewardWeights(1.0, scenario.common_weight, 1.0)
 
     def task(self, scenario: Scenario, robot: int, step_sizes: Any = ()) -> Task:
-        """Return what a robot (from 0) knows of its task.
+        """Return the task of a robot (from 0).
 
         Args:
             scenario: the problem.
             robot: the robot.
-            step_sizes: as of `Task`; of a robot that does not learn there are none.
+            step_sizes: as of `Task`; empty for a robot that does not learn.
         """
         weights = self.weights(scenario)
         leaving, leaving_share = leaving_of(scenario)
@@ -413,10 +414,10 @@ class Learner:
             return self.Mind(**base._asdict(), **more)
 
     def blamed(self, doing: str) -> AbstractContextManager[None]:
-        """Return a context in which a failure of a learner of one's own is said in one line.
+        """Return a context that reports a failure of a user's own learner in one line.
 
         Args:
-            doing: what the learner does there.
+            doing: the purpose of the call, for the error text.
         """
         if is_shipped(self):
             return nullcontext()

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Values of a robot that is alone in the world: what it can know from its map (`prior: map`)."""
+"""Values of a robot that is alone in the world, computed from its map (`prior: map`)."""
 
 import numpy as np
 
@@ -22,8 +22,8 @@ def lone_values(
     Args:
         scenario: the problem; moves succeed with the probability `known_success`.
         robot: the robot, from 0.
-        price: what it pays in every step until it arrives. That is as if it paid for ever and got
-            it all back at the goal.
+        price: the cost of every step until it arrives. That equals paying for ever, with a refund
+            at the goal.
         weight: how much r^I counts.
     """
     lead = scenario.map.next_cell
@@ -65,7 +65,7 @@ def known_q_star(
 ) -> np.ndarray:
     """Return Q* of a robot (from 0) that knows its map, before it learns, (cells, 5), float64.
 
-    Asking is worth the best move less its cost; NaN where it is NaN in `begun`.
+    The value of asking is that of the best move minus the cost; NaN where `begun` has NaN.
     """
     alone = lone_values(scenario, robot, weight=weights.individual)
     asking = alone.max(axis=1) - weights.ask_cost * scenario.ask_cost

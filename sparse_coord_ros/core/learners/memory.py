@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a memory is one that a robot can have: each memory is checked where it enters."""
+"""Checks of robots' memories from files and messages."""
 
 import numpy as np
 
@@ -25,28 +25,26 @@ from sparse_coord_ros.core.learners.mind import (
 def check_memory(
     scenario: Scenario, learner: Learner, k: int, memory: Memory
 ) -> Memory:
-    """Check what a robot is said to remember, wherever that comes from: a file or a message.
+    """Check the memory of a robot from a file or a message.
 
     Args:
         scenario: the problem.
-        learner: who learned it.
+        learner: its learner.
         k: the robot, from 0.
-        memory: what the robot is said to remember.
+        memory: the memory to check.
 
     Returns:
         The memory, without arrays that the learner does not know.
 
     Raises:
-        TablesError: no robot of this scenario and learner can have learned that.
+        TablesError: a robot of this scenario and learner cannot have learned this.
     """
     try:
         return _checked(scenario, learner, k, memory)
     except (ValueError, LookupError, TypeError) as error:
         who = f"robot {k + 1} of scenario {scenario.name} with learner {learner.label}"
-        remedy = "use what a run of this very scenario and learner wrote"
-        raise TablesError(
-            f"{who} cannot have learned that ({error}); {remedy}"
-        ) from None
+        remedy = "use the tables of a run of this scenario and learner"
+        raise TablesError(f"tables do not match {who}: {error}; {remedy}") from None
 
 
 def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
@@ -68,7 +66,7 @@ def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Me
 
 
 def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
-    """Check an array: of the type and shape that it began with, and finite."""
+    """Check an array: its type and shape are the initial ones, and its values are finite."""
     kind = np.int64 if begun.dtype.kind == "i" else begun.dtype
     array = member(memory, name, kind, *begun.shape)
     if kind == np.float64:
@@ -91,15 +89,15 @@ def _check_rows(memory: Memory, name: str, begun: Rows) -> None:
 
 
 def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
-    """Return what a robot remembers that begins with what was learned in another run.
+    """Return the initial memory of a robot that begins with the values of another run.
 
-    It has the values, and counts from 0.
+    It has the learned values; its counts begin at 0.
 
     Args:
         scenario: the problem.
-        learner: who is to go on.
+        learner: the learner that continues.
         k: the robot, from 0.
-        memory: what was learned; it fits.
+        memory: the memory of the other run; it is checked already.
     """
     found = memory_of(learner.mind(scenario, k))
     for name in learner.values:

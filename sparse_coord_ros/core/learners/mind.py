@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one robot has learned and remembers: a named tuple of tables, in two forms.
+"""The memory of one robot: a named tuple of tables, in two forms.
 
-A learner says what a robot remembers by a named tuple, its `Mind`, and by NumPy arrays that fill
-it before learning. A robot node and the loops in plain Python turn these into lists (`as_lists`),
+A learner declares the memory as a named tuple, its `Mind`, with NumPy arrays as the state before
+learning. A robot node and the loops in plain Python turn these into lists (`as_lists`),
 which are two to three times as fast there. The compiled loops stack the arrays of all robots
 (`stacked`). The functions of a learner read and write both forms: `mind.q_star[x][b]`.
 """
@@ -33,8 +33,8 @@ DENSE_ZERO_ROWS = 2**21
 class Rows(NamedTuple):
     """A table with a row [move] for each key that was met, such as Q^C with its joint states.
 
-    Before learning it is empty, and says how large it can get. In plain Python its rows are
-    lists, and a dictionary says where they are. The compiled loops have two forms: a dense table
+    Before learning it is empty, with a largest size. In plain Python its rows are lists, and a
+    dictionary holds their places. The compiled loops have two forms: a dense table
     has a row for each key, a hashed one only for keys that were met (open addressing with linear
     probing; the number of places is a power of two).
 
@@ -44,9 +44,9 @@ class Rows(NamedTuple):
         keys: the key of each row of a hashed table, or `FREE`; else None.
         used: how many rows of a hashed table are in use [0]; else None.
         places: in plain Python the row of each key.
-        first: what rows begin with: that of a key is row `key // (most // len(first))`.
-        most: how many keys there can be.
-        a_step: how many rows a time step can add.
+        first: initial rows; a key begins with row `key // (most // len(first))`.
+        most: largest number of keys.
+        a_step: largest number of rows that a time step can add.
     """
 
     values: Any
@@ -63,10 +63,10 @@ def empty_rows(most: int, first: np.ndarray, a_step: int = 1) -> Rows:
     """Return a table before learning.
 
     Args:
-        most: how many keys there can be: keys are from 0 to `most` - 1.
-        first: what rows begin with, shape (n, 4): the first `most / n` keys with its first row,
+        most: largest number of keys: keys are from 0 to `most` - 1.
+        first: initial rows, shape (n, 4): the first `most / n` keys begin with its first row,
             the next ones with the second and so on.
-        a_step: how many rows a time step can add.
+        a_step: largest number of rows that a time step can add.
     """
     values = np.zeros((0, PRIMITIVES))
     updates = np.zeros((0, PRIMITIVES), dtype=np.int32)
@@ -149,7 +149,7 @@ def place(rows: Rows, key: int) -> int:
 
 @inlined
 def read(rows: Rows, key: int, values: Any) -> None:
-    """Set `values` [move] to the row of a key, or to what it would begin with."""
+    """Set `values` [move] to the row of a key, or to its initial row."""
     row = find(rows, key)
     if row == NO_ROW:
         begun = key // (rows.most // len(rows.first))
@@ -211,7 +211,7 @@ def mind_of(minds: Any, k: int) -> Any:
     return minds[k]
 
 
-# Forms, and what is kept of a mind.
+# Forms of a mind, and its memory in files.
 
 Memory = Mapping[str, np.ndarray]
 """All that a robot remembers, by the names of the fields of its mind. A table of rows `name` is
@@ -223,7 +223,7 @@ def as_lists(mind: Any, memory: Memory | None = None) -> Any:
 
     Args:
         mind: before learning, as arrays.
-        memory: what the robot remembers; None: nothing yet.
+        memory: a memory to continue with; None: an empty one.
     """
     found = {}
     for name, value in _fields(mind):
@@ -252,7 +252,7 @@ def stacked(minds: Sequence[Any], room: int, memories: Sequence[Memory] = ()) ->
     Args:
         minds: of each robot before learning, as arrays.
         room: time steps for which hashed tables need room.
-        memories: what each robot remembers; none: nothing yet.
+        memories: each robot's memory to continue with; empty: no robot has one.
     """
     [kind] = {type(mind) for mind in minds}
     found: list[Any] = []
@@ -368,7 +368,7 @@ def part(minds: Any, k: int) -> Any:
 
 
 def memory_of(mind: Any) -> dict[str, np.ndarray]:
-    """Return all that a robot remembers, of a mind as lists or arrays; a copy.
+    """Return the memory in a mind of lists or arrays; a copy.
 
     Counts and cells are int64, values float64.
     """
@@ -403,7 +403,7 @@ def row_of(rows: Rows, key: int) -> int:
 class LearnedRows(NamedTuple):
     """The rows of a table that were learned, in the order of their keys; a copy.
 
-    Those are rows with an update, and rows that are not what they began with.
+    These are rows with an update, and rows that differ from their initial ones.
 
     Attributes:
         keys: shape (rows,), int64.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a robot chooses: pi_epsilon and pi_g of Algorithm 1, once for every way of running."""
+"""The policies pi_epsilon and pi_g of Algorithm 1, for plain Python and compiled loops."""
 
 from typing import Any
 
@@ -58,7 +58,7 @@ def greedy_action(
 
 @inner
 def tied(values: Values, best: float, count: int, number: int) -> int:
-    """Return that one of the actions with the best value which has this number, from 0."""
+    """Return the action with this number, from 0, among those with the best value."""
     for action in range(count):
         if values[action] == best:
             if number == 0:
@@ -93,7 +93,7 @@ def choose_move(
     """Return the move that COORDINATE becomes (Algorithm 1, lines 6 to 10).
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
         cell: X_k(t).
         seen: the peers that it perceives, the sum of 2^j; 0: the percept failed.
@@ -117,11 +117,11 @@ def choose_move(
 
 @inner
 def asks_surely(values: Any) -> Any:
-    """Return whether a greedy robot asks here, whatever it draws: what "asks here" means.
+    """Return whether a greedy robot asks here, whatever it draws.
 
-    That is where COORDINATE is worth more than every move. Where it is worth as much as the best
-    move, pi_g breaks the tie by a draw: the robot asks there at times, and is not said to ask. One
-    that knows no COORDINATE (NaN) never asks.
+    This defines "asks here": the value of COORDINATE is above that of every move. If it equals
+    that of the best move, pi_g breaks the tie by a draw; the robot then asks at times, which does
+    not count. A robot without COORDINATE (NaN) never asks.
 
     Args:
         values: a row of Q*; or Q* transposed, shape (5, cells).
@@ -137,9 +137,9 @@ def asks_surely(values: Any) -> Any:
 
 @inner
 def asks_at_times(values: Any) -> Any:
-    """Return whether a greedy robot may ask here: COORDINATE is worth as much as any move.
+    """Return whether a greedy robot may ask: COORDINATE is at least as good as any move.
 
-    Arguments and what is returned as of `asks_surely`.
+    Arguments and return value as of `asks_surely`.
     """
     asks = values[COORDINATE] >= values[0]
     for move in range(1, PRIMITIVES):
@@ -151,9 +151,9 @@ def tabulate(mind: Any, task: Task, peer: int, cells: Any, table: Any) -> None:
     """Fill in Q^C of pairs: the values by which COORDINATE chooses a move.
 
     Args:
-        mind: what the robot remembers.
+        mind: the robot's mind.
         task: its task.
-        peer: who is perceived.
+        peer: the perceived peer.
         cells: space for the cells of all robots.
         table: filled, [own cell][cell of the peer][move].
     """

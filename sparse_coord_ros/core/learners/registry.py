@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learners by their names: those of this package, and those of one's own."""
+"""Learners by their names: this package's and the user's own."""
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.interactions import check_only_together
@@ -46,7 +46,7 @@ LearnerLike = str | Learner | type[Learner]
 
 
 def chosen_learner(learner: LearnerLike) -> Learner:
-    """As `learner_of`, of what the caller names, and so allows to be imported."""
+    """As `learner_of`; naming a learner here allows its module to be imported."""
     allow_named(learner)
     return learner_of(learner)
 
@@ -55,7 +55,7 @@ def learner_of(learner: LearnerLike) -> Learner:
     """Return a learner by its name; learners and their classes are taken as they are.
 
     Raises:
-        SettingError: there is no such learner.
+        SettingError: unknown learner.
     """
     if isinstance(learner, str):
         return LEARNERS.find(learner)
@@ -67,21 +67,20 @@ def learner_of(learner: LearnerLike) -> Learner:
 
 
 def register_learner(learner: "Learner | type[Learner]") -> Learner:
-    """Let a learner of one's own be named by its attribute `name`, in this process.
+    """Register the user's own learner under its attribute `name`, in this process.
 
-    What is written names it as `module:Class`, which other processes, and later calls, find by
-    themselves; a learner that an installed package names as an entry point of the group
-    `sparse_coord_ros.learners` is found by that name.
+    Files name it as `module:Class`, so other processes and later calls find it. The name of an
+    entry point of the group `sparse_coord_ros.learners` in an installed package also works.
 
     Raises:
-        SettingError: it is no learner, or its name is none or taken.
+        SettingError: it is no learner, or its name is invalid or taken.
     """
     made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)
 
 
 def check_improvable(scenario: Scenario, learner: Learner) -> None:
-    """Raise `SettingError` where robots do not learn what `core.engine.improve` plans on."""
+    """Raise `SettingError` if robots do not learn the model that `core.engine.improve` needs."""
     if not isinstance(learner, Factored):
         what = f"improve: learner {learner.label} keeps no model of where moves lead"
         raise SettingError(f"{what}; needs learner factored")

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every learner works with: the task of a robot, a transition, and QLUpdate.
+"""The parts that all learners share: a robot's task, a transition, and QLUpdate.
 
-The functions marked `of_learner` are those that make a learner. Each is a static method of its
-class (`core.learners.learner.Learner` says what it has to do). They run on lists in plain Python
+The functions marked `of_learner` make up a learner. Each is a static method of its class
+(`core.learners.learner.Learner` specifies them). They run on lists in plain Python
 and on arrays in compiled loops, so they return numbers or nothing, and make no arrays.
 """
 
@@ -27,21 +27,21 @@ NOT_PERCEIVED = -1
 
 
 class Task(NamedTuple):
-    """What a robot knows of its task.
+    """A robot's knowledge of its task.
 
     Attributes:
         number: the robot k, from 0.
-        robots: how many there are.
+        robots: number of robots.
         cells: free cells of the map.
         goal: the cell that ends its episodes.
-        actions: how many actions it has: all five, or only the moves.
+        actions: number of its actions: all five, or only the moves.
         discount: gamma.
         goal_value: value of being at the goal while learning.
         goal_reward: r^I on arrival, weighed.
         ask_cost: the cost of asking, weighed.
         credit: how often r^C counts.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        sight: how likely percepts succeed; of learners that do not look at it `BLIND`.
+        sight: probabilities that percepts succeed; `BLIND` for learners that do not use them.
         swaps: whether robots that exchange cells interact.
         blocks: whether robots can stop each other.
         map_samples: for how many samples of each move the map counts; 0: the map is not known.
@@ -71,7 +71,7 @@ class Task(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """What a robot learns from: a time step t, and where it led.
+    """A transition, from which a robot learns: a time step t and its result.
 
     Attributes:
         step: the time step t.
@@ -86,10 +86,10 @@ class Transition(NamedTuple):
         common: r^C, weighed.
         felt: r^C as it is.
         asking: minus the cost of asking, weighed; or 0.
-        partners: with whom the robot interacted, the sum of 2^j; 0: with none; -1: not known.
+        partners: the peers with which it interacted, the sum of 2^j; -1: not known.
         epsilon: probability of exploring.
         floor: least step size.
-        draw: a random number in [0, 1), of learners that want one.
+        draw: a random number in [0, 1), for learners that need one.
     """
 
     step: int
@@ -142,7 +142,7 @@ def leaving_of(scenario: Scenario) -> tuple[float, float]:
     return leaving, share
 
 
-# What makes a learner.
+# The functions of a learner.
 
 
 @of_learner
@@ -179,7 +179,7 @@ def way_out(mind: Any, task: Task, cell: int, values: Any, move: int) -> int:
 
 @of_learner
 def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
-    """Return what is expected from a cell on that is not the goal: max_b Q*(cell, b)."""
+    """Return the expected return from a cell that is not the goal: max_b Q*(cell, b)."""
     raise NotImplementedError
 
 
@@ -189,16 +189,16 @@ def learn(mind: Any, task: Task, now: Transition) -> None:
 
 
 sees_all = flag_of_learner("sees_all")
-"""Whether the robots of a mind's learner see all others in every step."""
+"""True if the robots of a mind's learner see all others in every step."""
 
 wants_draw = flag_of_learner("draws")
-"""Whether it wants a random number in each step."""
+"""True if it wants a random number in each step."""
 
 wants_partners = flag_of_learner("partners")
-"""Whether it wants to know with whom a robot interacted."""
+"""True if it wants to know with whom a robot interacted."""
 
 
-# What they are made of.
+# Their parts.
 
 
 @inner
@@ -222,7 +222,7 @@ def step_size(task: Task, count: int, floor: float) -> float:
 
 @inlined
 def expected(mind: Any, task: Task, now: Transition) -> float:
-    """Return what is expected from X_k(t+1) on: the value of the goal, or `bootstrap`."""
+    """Return the expected return from X_k(t+1): the value of the goal, or `bootstrap`."""
     if now.next_cell == task.goal:
         return task.goal_value
     return bootstrap(mind, task, now.next_cell, now)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one robot has learned, to be read: Q* and Q^C, whatever the learner keeps them as."""
+"""Learned tables Q* and Q^C of one robot, to be read, whatever form the learner keeps."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 class Tables:
-    """What one robot has learned, to be read.
+    """Learned tables of one robot, to be read.
 
     Args:
         scenario: the problem.
-        learner: who learned; None: its code may not be imported, and Q^C is not known.
+        learner: its learner; None: its code may not be imported, and Q^C is unknown.
         number: the robot, from 0.
-        memory: all that the robot remembers.
+        memory: the robot's memory.
         q_coord: as of the property, where it is known already.
 
     Attributes:
@@ -51,7 +51,7 @@ class Tables:
         self._q_coord = q_coord
 
     def __repr__(self) -> str:
-        """Return what they are, on one line."""
+        """Return a one-line description."""
         name = "unknown" if self.learner is None else self.learner.label
         return f"<Tables of robot {self.number + 1} of {self.scenario.name}, learner {name}>"
 
@@ -82,7 +82,7 @@ class Tables:
 
     @property
     def rule(self) -> "Learner":
-        """Who learned.
+        """The learner.
 
         Raises:
             NotAllowedError: its code may not be imported.
@@ -95,12 +95,12 @@ class Tables:
 
     @cached_property
     def task(self) -> Task:
-        """What the robot knows of its task."""
+        """The robot's task."""
         return self.rule.task(self.scenario, self.number)
 
     @cached_property
     def mind(self) -> Any:
-        """What the robot remembers, as lists; not to be written to."""
+        """The robot's memory as lists; read only."""
         return as_lists(self.rule.mind(self.scenario, self.number), self.memory)
 
 
@@ -150,14 +150,14 @@ class JointTable:
 
 
 def tables_equal(one: Sequence[Tables], other: Sequence[Tables]) -> bool:
-    """Return whether teams have learned the same, bit for bit."""
+    """Return whether two teams have the same tables, bit for bit."""
     return len(one) == len(other) and all(
         memories_equal(a.memory, b.memory) for a, b in zip(one, other, strict=True)
     )
 
 
 def memories_equal(one: Memory, other: Memory) -> bool:
-    """Return whether robots remember the same, bit for bit."""
+    """Return whether robots have the same memory, bit for bit."""
     if one.keys() != other.keys():
         return False
     return all(

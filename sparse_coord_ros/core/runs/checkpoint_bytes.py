@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Checkpoints as bytes: what somebody needs to go on with a run, as one .npz file.
+"""Checkpoints as bytes: the state to continue a run from, as one .npz file.
 
 Arrays beside those of `base.npz`: `run`, a digest of what the run computes, and whatever the
 caller adds. A file of another run is refused.
@@ -33,7 +33,7 @@ def pack(run: str, arrays: Mapping[str, np.ndarray]) -> bytes:
 
     Args:
         run: a digest of what the run computes.
-        arrays: what its owner needs to go on.
+        arrays: the owner's state.
     """
     return npz.pack({**arrays, "run": np.array(run)}, compressed=False)
 
@@ -71,7 +71,7 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
 
 
 def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
-    """Return where games are as named arrays."""
+    """Return the positions of games as named arrays."""
     return {
         name: np.array([getattr(p, name) for p in positions])
         for name in Position._fields
@@ -81,7 +81,7 @@ def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
 def positions_from(
     arrays: Mapping[str, np.ndarray], scenario: Scenario, games: int = 1
 ) -> tuple[Position, ...]:
-    """Return what `position_arrays` took apart: the positions of so many games.
+    """Return the positions of games from the arrays of `position_arrays`.
 
     Raises:
         ValueError: something is missing, or has another type, shape or range than it must have.

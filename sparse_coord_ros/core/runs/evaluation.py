@@ -27,7 +27,7 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.run import Team
 from sparse_coord_ros.core.runs.trials import Trials
 
-MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
+MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks")
 """The measures of an `Evaluation`."""
 
 Progress: TypeAlias = Callable[[int, int], None]
@@ -35,7 +35,7 @@ Progress: TypeAlias = Callable[[int, int], None]
 
 
 def silent(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Report no progress."""
 
 
 class GreedyTeam:
@@ -93,11 +93,11 @@ class Measure:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a team is worth.
+    """The measures of a team in trials.
 
     Attributes:
         trials: Monte-Carlo trials.
-        reward: total discounted reward a robot: goal paid from arrival on for ever, penalties,
+        returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
             costs of asking.
         time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
         miscoordinations: steps of a trial that end in a miscoordination.
@@ -106,14 +106,14 @@ class Evaluation:
     """
 
     trials: int
-    reward: Measure
+    returns: Measure
     time_to_goal: Measure
     miscoordinations: Measure
     asks: Measure
     not_arrived: int
 
     def __repr__(self) -> str:
-        """Return what was measured, on one line; in parentheses the standard error."""
+        """Return the measures on one line; standard errors in parentheses."""
         return f"<Evaluation: {self.how}; {measured_in_words(self)}>"
 
     @property
@@ -140,10 +140,10 @@ def with_spread(measure: Measure, digits: int = 2) -> str:
 
 def measured_in_words(found: Any) -> str:
     """Return the means of an `Evaluation` or `ExactEvaluation`, on one line."""
-    error = found.reward.standard_error
+    error = found.returns.standard_error
     shown = "" if error == 0.0 or math.isnan(error) else f" ({error:.2f})"
     return (
-        f"reward {found.reward.mean:.2f}{shown}, time to goal {found.time_to_goal.mean:.2f}, "
+        f"return {found.returns.mean:.2f}{shown}, time to goal {found.time_to_goal.mean:.2f}, "
         f"miscoordinations {found.miscoordinations.mean:.2f}, asks {found.asks.mean:.2f}, "
         f"all arrive in {found.all_arrived:.2%}"
     )
@@ -152,8 +152,8 @@ def measured_in_words(found: Any) -> str:
 def summary(trials: Trials) -> Evaluation:
     """Return mean, spread and standard error of each measure."""
     return Evaluation(
-        trials=len(trials.reward),
-        reward=_measure(trials.reward),
+        trials=len(trials.returns),
+        returns=_measure(trials.returns),
         time_to_goal=_measure(trials.time_to_goal),
         miscoordinations=_measure(trials.miscoordinations[:, None]),
         asks=_measure(trials.asks),
@@ -175,7 +175,7 @@ def play(
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        trials: how many trials, >= 2.
+        trials: number of trials, >= 2.
         seed: seed of the trials' draws, independent of the draws of learning.
         learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
             where the column of COORDINATE is NaN.
@@ -199,7 +199,7 @@ def check_tables(
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        learner: who is to act on them; None: the learner of the tables.
+        learner: the learner that acts on them; None: the learner of the tables.
     """
     if len(tables) != len(scenario.robots):
         more = f"which has {len(scenario.robots)}; use the tables of a run of this scenario"

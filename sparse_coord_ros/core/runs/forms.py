@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Trials of a learner of one's own: whether its forms agree, whether its memory can be kept."""
+"""Trials of a user's own learner: do its two forms agree, and can its memory be saved?"""
 
 import re
 import sys
@@ -36,7 +36,7 @@ _tried: dict[type[Learner], bool] = {}
 def agrees(learner: Learner) -> bool:
     """Return whether the compiled form of a learner can be used.
 
-    That of this package's learners can; tests see to it. One of one's own learns for `STEPS` steps
+    Tests check this package's learners. A user's own learner learns for `STEPS` steps
     in both forms, once a process. If numba cannot compile it, or a bit differs (powers and
     exponentials do differ), it is said once, and the learner runs in plain Python.
     """
@@ -75,7 +75,7 @@ def _problem(learner: Learner) -> str | None:
 
 
 def _reason(error: PluginError) -> str:
-    """Return what numba says last of why: the innermost reason."""
+    """Return numba's innermost reason, the last line of its message."""
     lines = [line.strip() for line in str(error.__cause__).splitlines()]
     reasons = [line for line in lines if line.startswith(TELLING)]
     if not reasons:
@@ -87,7 +87,7 @@ _kept: set[type[Learner]] = set()
 
 
 def check_own_memory(learner: Learner) -> None:
-    """Let a learner of one's own learn a little, and check that its memory keeps its form.
+    """Let a user's own learner learn a little, and check that its memory keeps its form.
 
     An array that begins with whole numbers and learns fractions, or changes its shape, could not
     be read back from files and logs. Learners without a memory of their own are not tried.

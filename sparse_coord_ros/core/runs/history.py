@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HISTORY_FILE = "history.npz"
-CURVES = ("length", "reward", "miscoordinations", "asks", "arrived")
+CURVES = ("length", "returns", "miscoordinations", "asks", "arrived")
 """The measures of an episode that make a learning curve."""
 
 FIRST_EPISODES = 64
@@ -30,7 +30,7 @@ FIRST_EPISODES = 64
 
 
 class History(NamedTuple):
-    """What happened in each learning episode; E episodes of K robots.
+    """The history of learning episodes; E episodes of K robots.
 
     An episode begins with its first transition: one that never had any is left out. The last one
     may have been cut off by the end of the budget. Robots that learn all at once share their
@@ -40,7 +40,7 @@ class History(NamedTuple):
     Attributes:
         first_step: the time step at which the episode begins, shape (E,), int64.
         length: its transitions, shape (E,), int64.
-        reward: undiscounted sum of R_k(t) that robot k received while it was under way, not after
+        returns: undiscounted sum of R_k(t) that robot k received while it was under way, not after
             its arrival, shape (E, K), float64; 0 where it was not present.
         miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
         asks: how often robot k chose COORDINATE, shape (E, K), int64.
@@ -50,14 +50,14 @@ class History(NamedTuple):
 
     first_step: np.ndarray
     length: np.ndarray
-    reward: np.ndarray
+    returns: np.ndarray
     miscoordinations: np.ndarray
     asks: np.ndarray
     arrived: np.ndarray
     present: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         return f"<History of {self.episodes} episodes of {self.robots} robots>"
 
     @property
@@ -76,7 +76,7 @@ class History(NamedTuple):
         """Return a learning curve, ready to be plotted: `plt.plot(*history.curve("length", 50))`.
 
         Args:
-            name: length, reward, miscoordinations, asks or arrived (their share).
+            name: length, returns, miscoordinations, asks or arrived (their share).
             window: episodes over which to average (all there are, where these are fewer).
             robot: only this robot (from 1) and the episodes it was present in; None: the mean of
                 the robots present.
@@ -116,11 +116,11 @@ class History(NamedTuple):
     def to_pandas(self, names: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each episode and each robot present.
 
-        Columns: episode (from 0), first_step, length, robot, reward, asks, arrived,
+        Columns: episode (from 0), first_step, length, robot, returns, asks, arrived,
         miscoordinations.
 
         Args:
-            names: what to call the robots; their numbers from 1 where None.
+            names: the robots' names; None: their numbers from 1.
 
         Raises:
             RunError: pandas is not installed.
@@ -133,7 +133,7 @@ class History(NamedTuple):
                 "first_step": self.first_step[episode],
                 "length": self.length[episode],
                 "robot": labels[robot],
-                "reward": self.reward[episode, robot],
+                "returns": self.returns[episode, robot],
                 "asks": self.asks[episode, robot],
                 "arrived": self.arrived[episode, robot],
                 "miscoordinations": self.miscoordinations[episode],
@@ -141,7 +141,7 @@ class History(NamedTuple):
         )
 
     def same_bits(self, other: "History") -> bool:
-        """Whether two histories are equal, bit for bit."""
+        """True if two histories are equal, bit for bit."""
         pairs = zip(self, other, strict=True)
         return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 
@@ -177,7 +177,7 @@ def load_history(directory: Path) -> History:
     """Read `history.npz` of a run's directory.
 
     Raises:
-        RunError: there is none, or it cannot be read.
+        RunError: the file is missing or cannot be read.
     """
     path = directory / HISTORY_FILE
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
@@ -241,8 +241,8 @@ class HistoryRecorder:
         Args:
             episode: number of the episode; another one than before begins a new row.
             step: the time step t at which the robots acted.
-            actions: what each robot did; None where it did not act.
-            outcome: what the world returned.
+            actions: each robot's action; None if it did not act.
+            outcome: the world's outcome.
         """
         if episode != self._episode:
             self._episode = episode
@@ -256,7 +256,7 @@ class HistoryRecorder:
         for k in self._members:
             action = actions[k]
             if action is not None:
-                rows.reward[last, k] += outcome.rewards[k].total
+                rows.returns[last, k] += outcome.rewards[k].total
                 rows.asks[last, k] += action.asked
         for k in outcome.arrived:
             rows.arrived[last, k] = True
@@ -276,5 +276,5 @@ class HistoryRecorder:
         return self.look().copy()
 
     def look(self) -> History:
-        """Return what `history` returns, to be looked at before the next transition: no copy."""
+        """As `history`, without a copy: valid until the next transition."""
         return self._rows.first(self._used)

@@ -49,17 +49,17 @@ STEP, EPISODE_START, DONE, PLACED, END = range(5)
 """Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
 whether the episode has begun, the step at which the loop is to look up."""
 
-REWARD, TIME, ASKS, CONFLICTS = range(4)
+RETURN, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
 
 
 class Rule(NamedTuple):
-    """How a team learns.
+    """The rules by which a team learns.
 
     Attributes:
         problem: the game.
         members: the robots that act.
-        actions: how many actions a robot has.
+        actions: number of a robot's actions.
         max_steps: steps after which an episode ends.
         exploring: probability of an exploring start [time step].
         epsilon: probability of an explored action [time step].
@@ -130,7 +130,7 @@ class Game(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """What each robot chose at this time step.
+    """Each robot's choice at this time step.
 
     Attributes:
         cells: the cell that it was in; of robots that do not act, too.
@@ -151,12 +151,12 @@ class Choices(NamedTuple):
 
 
 class State(NamedTuple):
-    """A run under way, but for what the robots know.
+    """A run in progress, without the robots' minds.
 
     Attributes:
         rule: the game, and how the team learns.
         game: the joint state, changed.
-        choice: what robots chose, changed.
+        choice: the robots' choices, changed.
         draws: where the draws come from.
         stop: its one entry is set where the result is not wanted any more.
     """
@@ -181,7 +181,7 @@ class Record(NamedTuple):
     used: Any
     first_step: Any
     length: Any
-    reward: Any
+    returns: Any
     miscoordinations: Any
     asks: Any
     arrived: Any
@@ -199,7 +199,7 @@ def begin_row(record: Record, step: int) -> None:
     team = record.used[1]
     record.first_step.append(step)
     record.length.append(0)
-    record.reward.append([0.0] * team)
+    record.returns.append([0.0] * team)
     record.miscoordinations.append(0)
     record.asks.append([0] * team)
     record.arrived.append([False] * team)
@@ -329,7 +329,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
 
     Args:
         state: the run under way.
-        minds: what the robots know, changed.
+        minds: the robots' minds, changed.
         record: the history, added to; or None: numba compiles the loop for each by itself.
         budget: transitions to make from the run's beginning on.
     """
@@ -367,7 +367,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
             if record is not None:
                 asked = choice.actions[k] == COORDINATE
                 individual = individual_reward(problem, home)
-                record.reward[row][k] += (
+                record.returns[row][k] += (
                     individual + common + asking_reward(problem, asked)
                 )
                 record.asks[row][k] += asked
@@ -398,12 +398,12 @@ def play_until(
 
     Args:
         state: the game in progress, with trials of at most `max_steps` steps.
-        minds: what the robots have learned.
-        results: filled, [trial][k][REWARD to CONFLICTS]; TIME is the horizon, and one more, for
+        minds: the robots' minds.
+        results: filled, [trial][k][RETURN to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k][x].
         stays: counted up where a robot acts, [k][x].
-        trials: how many there are.
+        trials: number of trials.
         paired: whether a trial has the same draws whatever happened in those before it.
     """
     rule, game, choice, _, _ = state
@@ -428,7 +428,7 @@ def play_until(
             result = results[trial][k]
             result[CONFLICTS] += conflict
             if arrived[k]:
-                result[REWARD] += discount * common
+                result[RETURN] += discount * common
                 continue
             cell = choice.cells[k]
             asks = choice.actions[k] == COORDINATE
@@ -436,11 +436,11 @@ def play_until(
             if asks:
                 result[ASKS] += 1
                 asked[k][cell] += 1
-            result[REWARD] += discount * (common + asking_reward(problem, asks))
+            result[RETURN] += discount * (common + asking_reward(problem, asks))
             if cells[k] == problem.goals[k]:
                 arrived[k] = 1
                 result[TIME] = elapsed
-                result[REWARD] += goal_paid(problem, discount)
+                result[RETURN] += goal_paid(problem, discount)
             else:
                 over = False
                 result[TIME] = rule.max_steps + 1

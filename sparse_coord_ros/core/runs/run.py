@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One learning run, plain or compiled, that can stop between any two transitions and go on.
+"""One learning run, plain or compiled, that can stop between any two transitions and continue.
 
 Both forms run the loops of `core.runs.loop`: in plain Python on lists, compiled on arrays.
 """
@@ -69,11 +69,11 @@ class Stopped(Exception):  # noqa: N818 - no error: the run is not wanted any mo
 
 
 class LearningState(NamedTuple):
-    """A learning run between two transitions: either form can go on from it, bit for bit.
+    """A learning run between two transitions: each form can continue from it, bit for bit.
 
     Attributes:
         positions: the game of each group of robots that learn together.
-        memories: what each robot remembers.
+        memories: each robot's memory.
         histories: the episodes of each group.
     """
 
@@ -83,13 +83,13 @@ class LearningState(NamedTuple):
 
 
 class TeamTransition(NamedTuple):
-    """One transition of K robots, for those who watch them.
+    """One transition of K robots, for watchers.
 
     Attributes:
         step: the time step t (of robots that learn alone: of the first one).
         cells: X_k(t); None where it is not known.
-        actions: what each robot did; None where it did not act.
-        after: X_k(t+1), likewise; None: none is known.
+        actions: each robot's action; None if it did not act.
+        after: X_k(t+1), likewise; None if all are unknown.
         miscoordination: whether the step is a miscoordination.
         rewards: R_k(t); empty: not known.
         ends: how percepts ended, numbers of `wire.PerceptEnd`; empty: not known.
@@ -108,7 +108,7 @@ def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
     """Return the robots (from 0) that learn together.
 
     They are all, or for a learner that learns `alone` each robot by itself: one robot at a time
-    in the world, each for the whole budget, so that none ever meets another (paper, Section 4).
+    in the world, each for the whole budget, so that robots never meet (paper, Section 4).
     """
     everyone = list(range(len(scenario.robots)))
     return [[k] for k in everyone] if learner.alone else [everyone]
@@ -119,8 +119,8 @@ class Team:
 
     Args:
         scenario: the problem and its protocol.
-        learner: who learns.
-        compiled: whether numba is to compute it.
+        learner: the learner.
+        compiled: whether numba computes it.
         stop: where its one entry is set, runs raise `Stopped` at the next transition.
 
     Raises:
@@ -192,7 +192,7 @@ class Team:
         return listed._replace(tasks=tasks)
 
     def initial(self, memories: Sequence[Memory] = ()) -> Any:
-        """Return what robots know that remember this; nothing: before learning."""
+        """Return the minds of robots with these memories; without memories, before learning."""
         if self.compiled:
             return stacked(self._minds, block_of(len(self._minds)), memories)
         known = memories or (None,) * len(self._minds)
@@ -250,7 +250,7 @@ class Team:
         return loop.State(rule, game, choice, draws, self._stop)
 
     def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
-        """Return of which roles anything looks at the draws."""
+        """Return whether the draws of each role are used."""
         learning = phase == streams.LEARNING
         return {
             streams.POLICY: True,
@@ -274,9 +274,9 @@ class Team:
         """Play greedy trials.
 
         Args:
-            minds: what the robots know.
+            minds: the robots' minds.
             seed: seed of the trials.
-            trials: how many there are.
+            trials: number of trials.
             paired: whether a trial has the same draws whatever happened in those before it.
             progress: called with the trials played and all of them, before each one.
 
@@ -303,7 +303,7 @@ class Team:
         self.check_wanted()
         times = results[:, :, loop.TIME]
         return Trials(
-            reward=results[:, :, loop.REWARD],
+            returns=results[:, :, loop.RETURN],
             time_to_goal=np.minimum(times, float(scenario.horizon)),
             asks=results[:, :, loop.ASKS],
             arrived=times <= scenario.horizon,
@@ -313,7 +313,7 @@ class Team:
         )
 
     def tables(self, minds: Any) -> list[Tables]:
-        """Return what each robot has learned; a copy."""
+        """Return each robot's tables, a copy."""
         found = []
         for k in range(len(self.scenario.robots)):
             mind = self.mind(minds, k)
@@ -324,7 +324,7 @@ class Team:
         return found
 
     def _q_coord(self, mind: Any, k: int) -> np.ndarray | None:
-        """Return Q^C of a pair by the compiled loop; None where there is no such loop."""
+        """Return Q^C of a pair by the compiled loop; None if the team is not compiled."""
         team = len(self.scenario.robots)
         cells = len(self.scenario.map.cells)
         if not self.compiled or self.scenario.sparse or team == 1:
@@ -351,13 +351,13 @@ class LearningRun:
     Args:
         team: scenario, learner and form.
         seed: the run's seed.
-        state: where to go on; None: at the beginning.
+        state: the state to continue from; None: the beginning.
         gathering: whether to gather the history.
 
     Attributes:
         scenario, learner, seed: of the run.
         done: transitions made, by each group of robots.
-        minds: what all robots know.
+        minds: the minds of all robots.
     """
 
     def __init__(
@@ -444,7 +444,7 @@ class LearningRun:
         return TeamTransition(positions[0].step, cells, actions, after, met)
 
     def _action(self, state: loop.State, k: int, step: int) -> Action:
-        """Return what a robot did at the time step that was made last."""
+        """Return a robot's action at the last completed time step."""
         choice = state.choice
         asked = int(choice.actions[k]) == COORDINATE
         peer = -1
@@ -460,7 +460,7 @@ class LearningRun:
 
     @property
     def tables(self) -> list[Tables]:
-        """What every robot has learned so far; a copy."""
+        """The tables that every robot has learned so far, a copy."""
         return self.team.tables(self.minds)
 
     @property
@@ -482,11 +482,11 @@ class LearningRun:
 
     @property
     def memories(self) -> tuple[Memory, ...]:
-        """What every robot remembers; a copy."""
+        """Every robot's memory, a copy."""
         return tuple(memory_of(self.mind(k)) for k in range(len(self.scenario.robots)))
 
     def play(self, trials: int) -> Trials:
-        """Play greedy trials with what was learned so far."""
+        """Play greedy trials with the tables learned so far."""
         return self.team.play(self.minds, self.seed, trials)
 
     @property
@@ -507,7 +507,7 @@ class LearningRun:
         return history_of(record, len(self.scenario.robots), state.rule.members)
 
     def state(self) -> LearningState:
-        """Return where the run is."""
+        """Return the state of the run."""
         positions = tuple(_position(state.game) for state in self._states)
         return LearningState(positions, self.memories, self._histories())
 
@@ -515,14 +515,14 @@ class LearningRun:
 def learn(
     scenario: Scenario, learner: str | Learner, seed: int, *, compiled: bool = False
 ) -> list[Tables]:
-    """Return what robots learn in the scenario's budget, by default in plain Python."""
+    """Return the tables learned in the scenario's budget, by default in plain Python."""
     run = LearningRun(Team(scenario, learner_of(learner), compiled=compiled), seed)
     run.advance(scenario.steps)
     return run.tables
 
 
 def rows_updated(mind: Any) -> int:
-    """Return how many rows of a mind's tables have an update."""
+    """Return the number of rows of a mind's tables that have an update."""
     found = 0
     for value in mind:
         if hasattr(value, "most"):
@@ -531,7 +531,7 @@ def rows_updated(mind: Any) -> int:
 
 
 def record_of(history: History, *, compiled: bool) -> loop.Record:
-    """Return a record that goes on from a history; compiled it has room for two blocks."""
+    """Return a record that continues a history; compiled it has room for two blocks."""
     used = [history.episodes, history.robots]
     rows = history
     if compiled:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run is: scenario, seed, learner and timing, as one object and as `run.yaml`.
+"""The configuration of a run: scenario, seed, learner and timing, also as `run.yaml`.
 
 The world simulator publishes this text once, latched, on the topic `run`; robots and recorder
 need nothing else, and the log holds it too.
@@ -47,13 +47,13 @@ SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
-RUN_FORMAT = 3
+RUN_FORMAT = 4
 """Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`, format 2
-not what robots know of their map."""
+not what robots know of their map. Format 3 named the paper's returns rewards."""
 
 OWN_CLOCK = "own"
 NO_CLOCK = "none"
-"""Whether a run owns /clock."""
+"""True if a run owns /clock."""
 
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
@@ -76,10 +76,10 @@ class LearnerName(SpecFamily):
         return list(LEARNERS.registered.items())
 
     def parse(self, value: object) -> Any:
-        """Return the learner's name as files have it.
+        """Return the learner's name in files.
 
         Raises:
-            SettingError: there is no such learner.
+            SettingError: unknown learner.
         """
         named = value if isinstance(value, Learner) else str(value)
         if isinstance(named, str) and LEARNERS.barred(named):
@@ -117,15 +117,13 @@ class RunConfig:
 
     scenario: Scenario
     seed: int = setting(0, "seed of every random draw", low=0, high=2**63 - 1)
-    learner: str = setting(
-        "coop", "who learns; coop is Algorithm 1 of the paper", LEARNER
-    )
+    learner: str = setting("coop", "learner; coop is Algorithm 1 of the paper", LEARNER)
     greedy: bool = setting(
         False, "act on learned tables, without exploring or learning"
     )
     improve: bool = setting(
         False,
-        "after learning, exchange what was learned and plan on it (learner factored)",
+        "after learning, share what was learned and plan together (learner factored)",
     )
     step_period: float = setting(
         0.1, "simulated seconds a time step", low=1e-3, high=60
@@ -155,9 +153,9 @@ class RunConfig:
         "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
     )
     tables: str = setting(
-        "", "directory of a run whose tables to begin with; empty: none"
+        "", "directory of a run; learning starts from its tables; empty: none"
     )
-    recorded: bool = setting(False, "do not start before a recorder listens")
+    recorded: bool = setting(False, "wait for a recorder before the run starts")
     checkpoint: int = setting(
         10_000,
         "time steps between two recordings of the learned tables; 0: only at the end",
@@ -207,12 +205,12 @@ class RunConfig:
 
     @property
     def by_this_package(self) -> bool:
-        """Whether the world that computed it is ours, not one of one's own."""
+        """True if this package's world computed it, not the user's own."""
         return "sparse_coord_ros" in self.versions
 
     @property
     def markers_tell_steps(self) -> bool:
-        """Whether the topic `markers` has time steps as stamps: else they are for people only."""
+        """True if the topic `markers` has time steps as stamps: else they are for people only."""
         return self.by_this_package and self.clock == OWN_CLOCK
 
     @property
@@ -228,7 +226,7 @@ class RunConfig:
 
     @property
     def digest(self) -> str:
-        """A digest of all that affects what is learned: the same where the same bits come out."""
+        """A digest of everything that affects learning: equal digests mean equal bits."""
         said = [
             self.learner,
             self.seed,
@@ -246,7 +244,7 @@ class RunConfig:
         """Return the text of `run.yaml`; `run_from_yaml` reads it back.
 
         Raises:
-            SettingError: its perception model is a function that nobody else can find.
+            SettingError: other processes cannot find its perception model, a function.
         """
         check_found_elsewhere(self.scenario.perception)
         data: dict[str, Any] = {"id": self.id, "format": RUN_FORMAT}
@@ -328,7 +326,7 @@ def _check_size(grid: GridMap) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what a run's numbers depend on."""
+    """Return the versions of software on which a run's numbers depend."""
     found = {"sparse_coord_ros": __version__, "python": platform.python_version()}
     for name in (
         "numpy",
@@ -357,7 +355,7 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
     """Read a run back; settings that the text lacks have their defaults.
 
     Raises:
-        RunError: it is no run, has an unknown field, or is in another format.
+        RunError: the text is no run, has an unknown field, or has another format.
         ScenarioError: not YAML, or the scenario in it is malformed.
         SettingError: a bad value.
     """
@@ -397,7 +395,7 @@ def load_run(directory: Path) -> RunConfig:
     """Read `run.yaml` of a run's output directory.
 
     Raises:
-        RunError: there is none, or it is not one of this version.
+        RunError: the file is missing, or of another version.
     """
     path = directory / RUN_FILE
     inside = sorted(str(file.parent) for file in directory.glob(f"*/{RUN_FILE}"))

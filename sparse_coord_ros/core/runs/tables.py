@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What robots have learned as bytes and on disk: `tables.npz` of a team, one file a robot apart.
+"""Learned tables as bytes and on disk: `tables.npz` of a team, or one file for each robot.
 
 The container is that of `base.npz`. Of robot k (from 1) there is each field of its learner's mind
 (`core.learners.mind`) as an array `<field>_k`: `q_star_k`, shape (cells, actions), columns north,
@@ -39,19 +39,19 @@ REMEDY = "use a file that run or train wrote"
 
 
 def robot_file(directory: Path, robot: str) -> Path:
-    """Return where a robot node saves its own tables."""
+    """Return the path where a robot node saves its own tables."""
     return directory / f"tables_{robot}.npz"
 
 
 def pack_tables(
     memories: Mapping[int, Memory], *, counts: Mapping[str, int] | None = None
 ) -> bytes:
-    """Return what some robots (numbers from 1) remember as the bytes of an .npz file.
+    """Return the memories of some robots (numbers from 1) as the bytes of an .npz file.
 
     Equal memories give equal bytes.
 
     Args:
-        memories: what each robot remembers.
+        memories: each robot's memory.
         counts: numbers to store beside them, as arrays `count_<name>`.
     """
     return npz.pack(saved_arrays(memories, counts=counts))
@@ -60,7 +60,7 @@ def pack_tables(
 def saved_arrays(
     memories: Mapping[int, Memory], *, counts: Mapping[str, int] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return what `pack_tables` writes, by name; arguments as there."""
+    """Return the arrays that `pack_tables` writes, by name; arguments as there."""
     arrays: dict[str, np.ndarray] = {}
     for number, memory in memories.items():
         arrays |= {f"{name}_{number}": array for name, array in memory.items()}
@@ -70,10 +70,10 @@ def saved_arrays(
 
 
 class SavedTables(NamedTuple):
-    """What one robot has saved.
+    """The saved tables of one robot.
 
     Attributes:
-        memory: what it remembers; not checked.
+        memory: its memory; not checked.
         counts: the numbers beside its tables.
         arrays: all that the file holds, by name: of each robot in it, and the counts.
     """
@@ -86,7 +86,7 @@ class SavedTables(NamedTuple):
 def unpack_saved(
     data: bytes, numbers: Sequence[int], *, where: str, limit: Limit = ARRAYS
 ) -> list[SavedTables]:
-    """Read what the given robots (numbers from 1) saved from the bytes of an .npz file.
+    """Read the saved tables of robots (numbers from 1) from the bytes of an .npz file.
 
     Raises:
         TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
@@ -103,7 +103,7 @@ def unpack_saved(
 
 
 def memory_from(arrays: Mapping[str, np.ndarray], number: int) -> dict[str, np.ndarray]:
-    """Return what a robot (from 1) remembers by what a file says.
+    """Return the memory of a robot (from 1) from the arrays of a file.
 
     Raises:
         ValueError: it is not there, or has no Q*.
@@ -121,7 +121,7 @@ def memory_from(arrays: Mapping[str, np.ndarray], number: int) -> dict[str, np.n
 
 
 def load_saved(path: Path, numbers: Sequence[int]) -> list[SavedTables]:
-    """Read what the given robots (numbers from 1) saved from one file.
+    """Read the saved tables of robots (numbers from 1) from one file.
 
     Raises:
         TablesError: no such file, not a tables file, or a robot is not in it.
@@ -168,13 +168,13 @@ def load_team(
 def tables_of(
     scenario: Scenario, learner: Learner | None, k: int, memory: Memory
 ) -> Tables:
-    """Return the tables of a robot that is said to remember something.
+    """Return the tables of a robot from its memory, after a check.
 
     Args:
         scenario: the problem.
-        learner: who learned it; None: its code may not be imported.
+        learner: its learner; None: its code may not be imported.
         k: the robot, from 0.
-        memory: what the robot is said to remember.
+        memory: the robot's memory, to be checked.
 
     Raises:
         TablesError: no robot of this scenario and learner can have learned that.
@@ -192,7 +192,7 @@ def tables_of(
 def tables_from_values(
     scenario: Scenario, k: int, q_star: np.ndarray, q_coord: np.ndarray | None = None
 ) -> Tables:
-    """Return tables of values that come from elsewhere, such as another program.
+    """Return tables of values from elsewhere, such as another program.
 
     An entry of Q* counts as updated once if it is not what Q* begins with.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What greedy trials bring."""
+"""The results of greedy trials."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ class Trials:
     """Greedy trials from the scenario's starts.
 
     Attributes:
-        reward: total discounted reward, shape (trials, robots).
+        returns: total discounted reward, shape (trials, robots).
         time_to_goal: steps until arrival; the horizon for a robot that does not arrive; same
             shape.
         asks: how often COORDINATE was chosen; same shape.
@@ -23,7 +23,7 @@ class Trials:
             it has arrived.
     """
 
-    reward: np.ndarray
+    returns: np.ndarray
     time_to_goal: np.ndarray
     asks: np.ndarray
     arrived: np.ndarray
@@ -32,5 +32,5 @@ class Trials:
     stays: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what they are, on one line."""
-        return "<Trials: {} of {} robots>".format(*self.reward.shape)
+        """Return a one-line description."""
+        return "<Trials: {} of {} robots>".format(*self.returns.shape)

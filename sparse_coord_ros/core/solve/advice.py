@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether coordination will pay: said before anything is learned.
+"""Advice, before learning, on whether coordination will pay.
 
 Robots that ignore each other lose something, a team that sees everything wins a part of it back,
 and a question costs something. How many questions the gain pays for says how much robots will ask,
@@ -39,11 +39,11 @@ NOTHING = 1e-9
 
 
 class Advice(NamedTuple):
-    """What is known of coordination in a scenario without learning.
+    """Facts about coordination in a scenario, known without learning.
 
     Attributes:
         kind: one of the words above.
-        loss: what a robot loses if the robots ignore each other: see `loss_of_ignoring`.
+        loss: loss of a robot if the robots ignore each other: see `loss_of_ignoring`.
         ratio: the loss in questions: so many cost as much. Infinite where questions are free.
         gain: at most so much of the loss a team can win back: up to the joint optimum, or to
             robots alone in the world where the optimum is not known. Where robots can help each
@@ -73,7 +73,7 @@ def advice(scenario: Scenario) -> Advice:
         said = "Coordination will not pay"
     elif optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
-        said = "Asking will not pay, as robots can take ways on which they do not meet"
+        said = "Asking will not pay, because robots can take ways on which they do not meet"
     elif worth < sure:
         kind = MAY_PAY
         said = "Coordination may pay"
@@ -94,7 +94,7 @@ def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice
     A team may then earn more than robots alone in the world: the gain is up to the optimum from
     what robots earn that ignore each other, and there is no way around help.
     """
-    gain = optimum.value - shortest_path_reference(scenario).reward
+    gain = optimum.value - shortest_path_reference(scenario).returns
     gain = _positive(gain, scenario)
     worth = worth_of(gain, scenario)
     kind = MAY_PAY
@@ -117,13 +117,13 @@ def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice
 
 
 def loss_of_ignoring(scenario: Scenario) -> float:
-    """Return what a robot loses if all take shortest paths and never mind each other.
+    """Return the loss of a robot if all take shortest paths and ignore each other.
 
     It is the value of a robot alone in the world less that of a robot of such a team: total
     discounted reward from the starts, averaged over the robots.
     """
     alone = independent_bound(scenario)
-    return _positive(alone - shortest_path_reference(scenario).reward, scenario)
+    return _positive(alone - shortest_path_reference(scenario).returns, scenario)
 
 
 def _positive(value: float, scenario: Scenario) -> float:
@@ -139,7 +139,7 @@ def in_questions(value: float, scenario: Scenario) -> float:
 
 
 def worth_of(gain: float, scenario: Scenario) -> float:
-    """Return what a gain is worth, in questions, where only some of them are answered.
+    """Return a gain in units of a question's cost, corrected for failed questions.
 
     Two robots see each other if both are answered: the chance of an answer counts twice.
     """
@@ -150,11 +150,11 @@ def worth_of(gain: float, scenario: Scenario) -> float:
 
 
 def is_avoidable(loss: float, gain: float) -> bool:
-    """Return whether robots can avoid each other for nothing.
+    """Return whether robots can avoid each other at no cost.
 
     Args:
-        loss: what a robot loses if the robots ignore each other.
-        gain: how much of it the joint optimum wins back.
+        loss: loss of a robot if the robots ignore each other.
+        gain: the part of the loss that the joint optimum regains.
     """
     return loss - gain <= FREE * loss
 

@@ -38,7 +38,7 @@ longer than they spare."""
 
 
 class WeightedGame(NamedTuple):
-    """The game of two robots, and whose reward counts how much.
+    """The game of two robots, with a weight for each robot's reward.
 
     Attributes:
         lead: where a successful move leads, and `STAY`; (cells, moves + 1).
@@ -49,11 +49,11 @@ class WeightedGame(NamedTuple):
         interactions: of the two robots.
         toll: weighted r^C of a miscoordination.
         bonus: weighted r^C of help.
-        prize: weighted worth of each robot's arrival, carried to infinity; (2,).
+        prize: weighted value of each robot's arrival, for ever; (2,).
         cost: weighted cost of each robot's asking; (2,).
         discount: gamma.
         success: probability that a move succeeds.
-        above: what no team can be worth more than from a joint state; (cells, cells).
+        above: an upper bound of a team's value from a joint state; (cells, cells).
         everything: every joint state but that in which both have arrived, in a good order.
     """
 
@@ -89,7 +89,7 @@ class AskingPolicies(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What the loops write to.
+    """Working memory of the loops.
 
     Attributes:
         value: value of each joint state; (cells, cells).
@@ -140,7 +140,7 @@ def can_do(
 def reach(
     game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: Workspace
 ) -> int:
-    """Write the joint states that the team can get into to `order`, successors first.
+    """Write the joint states that the team can reach to `order`, successors first.
 
     Args:
         game: the game.
@@ -150,7 +150,7 @@ def reach(
         space: what is written to.
 
     Returns:
-        How many there are, without the one in which both have arrived.
+        Their number, without the one in which both have arrived.
     """
     cells = game.lead.shape[0]
     last = game.goals[0] * cells + game.goals[1]
@@ -223,7 +223,7 @@ def expected(
     seen: tuple[int, int],
     unseen: tuple[int, int],
 ) -> tuple[float, float]:
-    """Return the value of a joint step, without that of staying in (x, y).
+    """Return the value of a joint step, without the part of staying in (x, y).
 
     Args:
         game: the game.
@@ -446,7 +446,7 @@ def climb(
     Args:
         game: the game.
         policy: the team; becomes better.
-        free: whose choices may change.
+        free: whether each robot's choices may change.
         space: what is written to.
         trials: the order in which choices are tried: robot, cell and option in one number.
 

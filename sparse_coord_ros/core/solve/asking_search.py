@@ -95,14 +95,14 @@ def find_asking_team(
 ) -> AskingTeam:
     """Search for the best team of two robots that has Algorithm 1's form.
 
-    Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
-    `shipped_asking_team` returns what was found once for the paper's scenarios.
+    Its `value` is a lower bound on the best such team: the search may miss it.
+    `shipped_asking_team` returns a stored result for the paper's scenarios.
 
     Args:
         scenario: a problem of two robots.
         restarts: how often the search begins anew.
         seed: of the search.
-        file: a JSON file to keep the search in, and to go on from; None: nothing is kept.
+        file: a JSON file that stores the search, to continue it; None: no file.
         progress: called after each restart with those done, all, and the best value so far.
 
     Raises:
@@ -192,7 +192,7 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
 
 
 def workspace_of(game: WeightedGame) -> Workspace:
-    """Return what the loops write to in this game, empty."""
+    """Return empty memory for the loops in this game."""
     cells = len(game.lead)
     return Workspace(
         value=np.zeros((cells, cells)),
@@ -212,13 +212,13 @@ def _restart(
     seed: list[int],
     fixed: AskingPolicies | None = None,
 ) -> tuple[AskingPolicies, float]:
-    """Climb from a random team, and again from where shakes lead.
+    """Climb from a random team, and again after random changes.
 
     Args:
-        game: whose reward counts.
-        free: whose choices are searched.
+        game: the game, with weights of rewards.
+        free: whether each robot's choices are searched.
         seed: of the draws.
-        fixed: what those do whose choices are not searched.
+        fixed: the choices of robots that are not searched.
     """
     rng = np.random.default_rng(seed)
     begun = random_policies(game, rng)
@@ -252,10 +252,10 @@ def _climbed(
 def climbed(
     scenario: Scenario, team: AskingPolicies
 ) -> tuple[float, float, AskingPolicies, np.ndarray]:
-    """Make a team of two robots better, as a restart that begins with this team.
+    """Improve a team of two robots, as a restart that begins with this team.
 
     Returns:
-        Its value before and after; what it does then, in every joint state; and whether a robot
+        Its value before and after; its new actions in every joint state; and whether a robot
         acts in a cell, shape (2, cells).
     """
     game = game_of(scenario)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team of at most two robots is worth, computed exactly: its joint Markov chain.
+"""The exact value of a team of at most two robots, from its joint Markov chain.
 
 The same trials as `core.runs.evaluation.play` plays, without drawing any: greedy policies, ties
 and percepts with their probabilities, the same end. So nothing here has a standard error. Where
@@ -31,7 +31,7 @@ from sparse_coord_ros.core.solve.exact_loops import (
     ARRIVED,
     CONFLICTS,
     QUANTITIES,
-    REWARD,
+    RETURN,
     Distribution,
     Pair,
     Sums,
@@ -49,21 +49,21 @@ which take up to five seconds: beyond that trials are quicker."""
 
 @dataclass(frozen=True)
 class ExactEvaluation:
-    """What a team is worth, exactly; the measures are those of `Evaluation`.
+    """The exact measures of a team; they are those of `Evaluation`.
 
     Attributes:
-        reward: total discounted reward a robot: goal paid from arrival on for ever, penalties,
+        returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
             costs of asking. Its spread is over single robots and trials, as in trials.
         time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
         miscoordinations: steps of a trial that end in a miscoordination.
         asks: how often a robot chose COORDINATE in a trial.
         all_arrived: probability that all robots arrive within the horizon.
-        robots: expected reward of each robot.
+        robots: expected return of each robot.
         asked: expected number of asks of a trial in each cell, shape (robots, cells).
         stays: expected number of steps that each robot acts in each cell, same shape.
     """
 
-    reward: Measure
+    returns: Measure
     time_to_goal: Measure
     miscoordinations: Measure
     asks: Measure
@@ -73,7 +73,7 @@ class ExactEvaluation:
     stays: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what was computed, on one line."""
+        """Return the measures on one line."""
         return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
 
     @property
@@ -82,7 +82,7 @@ class ExactEvaluation:
         return "exact"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data, without what there is for each cell."""
+        """Return plain data, without the fields for each cell."""
         said = asdict(self)
         return {k: v for k, v in said.items() if k not in ("asked", "stays")}
 
@@ -93,7 +93,7 @@ def evaluate_exact(
     *,
     learner: str | Learner | None = None,
 ) -> ExactEvaluation:
-    """Compute what a team of one or two robots is worth.
+    """Compute the value of a team of one or two robots.
 
     Args:
         scenario: the problem.
@@ -112,7 +112,7 @@ def evaluate_exact(
 
 
 def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
-    """Compute what one or two robots are worth that act in known ways.
+    """Compute the value of one or two robots with known policies.
 
     Raises:
         SettingError: there are more joint states within their reach than it pays for.
@@ -128,14 +128,16 @@ def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEval
     asked[:, own] = sums.asked[:team]
     stays[:, own] = sums.stays[:team]
     squares = sums.squares[:-1].reshape(3, 2)
-    reward, time_to_goal, asks = map(_measure, sums.robots[:, :team], squares[:, :team])
+    returns, time_to_goal, asks = map(
+        _measure, sums.robots[:, :team], squares[:, :team]
+    )
     return ExactEvaluation(
-        reward=reward,
+        returns=returns,
         time_to_goal=time_to_goal,
         miscoordinations=_measure(sums.team[: CONFLICTS + 1], sums.squares[-1:]),
         asks=asks,
         all_arrived=min(1.0, float(sums.team[ARRIVED])),
-        robots=tuple(sums.robots[REWARD, :team].tolist()),
+        robots=tuple(sums.robots[RETURN, :team].tolist()),
         asked=asked,
         stays=stays,
     )
@@ -150,7 +152,7 @@ def evaluate_best(
     learner: str | Learner | None = None,
     progress: Progress = evaluation.silent,
 ) -> ExactEvaluation | Evaluation:
-    """Compute what a team is worth where that can be, else play trials.
+    """Compute the exact value of a team if possible, else play trials.
 
     Args:
         scenario: the problem.
@@ -176,7 +178,7 @@ def evaluate_best(
 
 
 def check_exact(scenario: Scenario) -> None:
-    """Raise `SettingError` where the team is too large, or acts by what it remembers."""
+    """Raise `SettingError` if the team is too large, or acts by memory."""
     team = len(scenario.robots)
     if team > MOST_ROBOTS:
         raise SettingError(
@@ -187,7 +189,7 @@ def check_exact(scenario: Scenario) -> None:
 
 
 def _check_memoryless(scenario: Scenario) -> None:
-    """Raise `SettingError` where robots act by more than where they are and what they perceive."""
+    """Raise `SettingError` if robots act by more than their cell and their percept."""
     if scenario.stand_off.kind != "wait":
         raise SettingError(
             f"exact evaluation: setting stand_off is {str(scenario.stand_off)!r}, allowed: wait, "
@@ -196,15 +198,15 @@ def _check_memoryless(scenario: Scenario) -> None:
 
 
 class ExactMeans(NamedTuple):
-    """What a trial of a team of two robots brings on average, exactly.
+    """The exact means of a trial of a team of two robots.
 
     Attributes:
-        reward, time_to_goal, asks: of each robot, shape (2,).
+        returns, time_to_goal, asks: of each robot, shape (2,).
         miscoordinations: of the team.
         arrived: probability that both arrive within the horizon.
     """
 
-    reward: np.ndarray
+    returns: np.ndarray
     time_to_goal: np.ndarray
     asks: np.ndarray
     miscoordinations: float
@@ -212,7 +214,7 @@ class ExactMeans(NamedTuple):
 
 
 def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | None:
-    """Return the means of `evaluate_exact`, a hundred times faster; None where there are none.
+    """Return the means of `evaluate_exact`, a hundred times faster, or None.
 
     There are none for another number of robots than two, and on maps so large that a team without
     a policy would take longer than trials.
@@ -242,7 +244,7 @@ def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
 
 
 class Greedy(NamedTuple):
-    """How likely a greedy robot does what in each cell, before it perceives anything.
+    """Probabilities of a greedy robot's actions in each cell, before any percept.
 
     Attributes:
         asks: that it asks, (cells,): 1 where it `asks_surely`, less where a draw breaks a tie
@@ -425,6 +427,6 @@ def _greedy(values: np.ndarray) -> np.ndarray:
 
 
 def _measure(means: np.ndarray, squares: np.ndarray) -> Measure:
-    """Return mean and spread over robots and trials; there is no error of sampling."""
+    """Return mean and spread over robots and trials; exact, so without a sampling error."""
     mean = means.mean()
     return Measure(float(mean), float(np.sqrt(max(0.0, squares.mean() - mean**2))), 0.0)

@@ -36,7 +36,7 @@ class Pair(NamedTuple):
         interactions: of the two, in these cells.
         penalties: r^C of a miscoordination for each robot; (2,).
         help_rewards: r^C of help for each robot; (2,).
-        worth: of a robot's arrival, carried to infinity.
+        worth: value of a robot's arrival, for ever.
         cost: of asking.
         discount: gamma.
         success: probability that a move succeeds.
@@ -59,26 +59,26 @@ class Pair(NamedTuple):
     horizon: int
 
 
-REWARD, TIME, ASKS = range(3)
+RETURN, TIME, ASKS = range(3)
 """Rows of the sums of each robot."""
 
 CONFLICTS, ARRIVED = range(2)
 """Entries of the sums of the team."""
 
 QUANTITIES = 7
-"""`REWARD`, `TIME` and `ASKS` of both robots, numbered 2 * row + robot, and miscoordinations."""
+"""`RETURN`, `TIME` and `ASKS` of both robots, numbered 2 * row + robot, and miscoordinations."""
 
 
 class Sums(NamedTuple):
-    """What a trial brings, filled by `carry`, and the space that it needs; all 0 before.
+    """Sums of a trial, filled by `carry`, and its working memory; initially 0.
 
     Attributes:
-        robots: mean `REWARD`, `TIME` and `ASKS` of each robot; (3, 2).
+        robots: mean `RETURN`, `TIME` and `ASKS` of each robot; (3, 2).
         team: mean `CONFLICTS`, and the probability that all have `ARRIVED`; (2,).
         squares: mean square of each of the `QUANTITIES`; (QUANTITIES,).
         asked: expected asks of each robot in each cell; (2, cells).
         stays: expected steps that each robot acts in each cell; (2, cells).
-        brought: mean and square of what a step brings of each quantity; (2, QUANTITIES).
+        brought: mean and square of a step's change of each quantity; (2, QUANTITIES).
         so_far: mean of each quantity so far, times the probability of the joint state, now and
             after the step; (2, cells^2, QUANTITIES), or (2, 0, QUANTITIES) where squares are not
             wanted.
@@ -110,7 +110,7 @@ class Distribution(NamedTuple):
 def carry(
     pair: Pair, now: Distribution, later: Distribution, sums: Sums, most: float
 ) -> bool:
-    """Add up what a trial brings on average; False: steps have more outcomes than `most`.
+    """Add up the means of a trial; return False if steps have more outcomes than `most`.
 
     Args:
         pair: the two robots.
@@ -159,7 +159,7 @@ def follow(
     factor: float,
     now: int,
 ) -> int:
-    """Add up what the step from a joint state brings; return how many outcomes it has.
+    """Add up the results of a step from a joint state; return its number of outcomes.
 
     Args:
         pair: the two robots.
@@ -169,7 +169,7 @@ def follow(
         squared: whether squares are wanted.
         state: the joint state.
         p: its probability.
-        factor: what a reward of this step counts.
+        factor: the discount factor of this step's reward.
         now: the row of `sums.so_far` that is before the step.
     """
     cells = len(pair.lead)
@@ -219,7 +219,7 @@ def acts(pair: Pair, sums: Sums, k: int, x: int, p: float, factor: float) -> Non
         asks = p * pair.asks[k, x]
         sums.robots[TIME, k] += p
         sums.robots[ASKS, k] += asks
-        sums.robots[REWARD, k] -= factor * p * pair.asks[k, x] * pair.cost
+        sums.robots[RETURN, k] -= factor * p * pair.asks[k, x] * pair.cost
         sums.stays[k, x] += p
         sums.asked[k, x] += asks
 
@@ -246,18 +246,18 @@ def pay(
     worth: float,
     q: float,
 ) -> None:
-    """Add up what a step from (x, z) to (y, w) pays, its probability q, discounted: `worth`."""
+    """Add the rewards of a step from (x, z) to (y, w) of probability q; `worth`: discounted q."""
     if conflict:
         sums.team[CONFLICTS] += q
-        sums.robots[REWARD, 0] += worth * pair.penalties[0]
-        sums.robots[REWARD, 1] += worth * pair.penalties[1]
+        sums.robots[RETURN, 0] += worth * pair.penalties[0]
+        sums.robots[RETURN, 1] += worth * pair.penalties[1]
     if helped:
-        sums.robots[REWARD, 0] += worth * pair.help_rewards[0]
-        sums.robots[REWARD, 1] += worth * pair.help_rewards[1]
+        sums.robots[RETURN, 0] += worth * pair.help_rewards[0]
+        sums.robots[RETURN, 1] += worth * pair.help_rewards[1]
     if y == pair.goals[0] and x != y:
-        sums.robots[REWARD, 0] += worth * pair.worth
+        sums.robots[RETURN, 0] += worth * pair.worth
     if w == pair.goals[1] and z != w:
-        sums.robots[REWARD, 1] += worth * pair.worth
+        sums.robots[RETURN, 1] += worth * pair.worth
     if y == pair.goals[0] and w == pair.goals[1]:
         sums.team[ARRIVED] += q
 
@@ -275,7 +275,7 @@ def bring(
     a: int,
     factor: float,
 ) -> None:
-    """Write mean and square of what a step brings to robot k, which it leads from x to y.
+    """Write mean and square of the changes of robot k in a step from x to y.
 
     The peer was in z, the step comes to `a`, and its reward counts `factor` times. `conflict`:
     it is a miscoordination; `helped`: it is help.
@@ -289,8 +289,8 @@ def bring(
     if acting and y == pair.goals[k]:
         paid += pair.worth
     with_cost = paid - pair.cost
-    brought[0, 2 * REWARD + k] = factor * (paid - asked * pair.cost)
-    brought[1, 2 * REWARD + k] = factor**2 * (
+    brought[0, 2 * RETURN + k] = factor * (paid - asked * pair.cost)
+    brought[1, 2 * RETURN + k] = factor**2 * (
         asked * with_cost * with_cost + (1.0 - asked) * paid * paid
     )
     brought[:, 2 * TIME + k] = acting

@@ -3,14 +3,14 @@
 """An upper bound for teams too large to solve: groups of robots, each at its joint optimum.
 
 Let the team be split into groups, and let V(S) be the joint optimum of group S in the same
-scenario without the other robots, as the sum over its robots. No policy of the whole team is worth
-more than the sum of all V(S), for three reasons.
+scenario without the other robots, as the sum over its robots. The value of every policy of the
+whole team is at most the sum of all V(S), for three reasons.
 
 1. Two robots of one group that meet are two robots of the team that meet, and r^C falls on each
    robot of the team. So in each step the team pays at least what its groups would pay that meet.
 2. Arrivals are paid to each robot as in its group, and asking is never a gain.
 3. Where the other robots are does not change where a move leads. So what the team's policy makes
-   of group S, the other robots being draws of chance, is a policy of S, and worth V(S) at most.
+   of group S, the other robots being draws of chance, is a policy of S, with value at most V(S).
 
 A group of all robots gives the joint optimum. Values are computed from above: they begin at the
 bound by pairs, and each backup leaves an upper bound. So it remains a bound though only states are
@@ -54,7 +54,7 @@ CHOICES = PRIMITIVES + 1
 
 @dataclass(frozen=True)
 class GroupBound:
-    """An upper bound of what any policy of a team is worth.
+    """An upper bound of the value of every policy of a team.
 
     Attributes:
         value: total discounted reward from the scenario's starts, averaged over the robots.
@@ -72,7 +72,7 @@ class Group(NamedTuple):
     Attributes:
         ends: the different cells where a step of a robot may end, first its own cell;
             (robots, cells, CHOICES).
-        counts: how many they are; (robots, cells).
+        counts: their number; (robots, cells).
         stays: whether a move leads nowhere; (robots, cells).
         strides: of each robot's cell in the number of a joint state; (robots,).
         paid: average reward of a step that ends in a joint state; (cells ** robots,).
@@ -94,12 +94,12 @@ class Group(NamedTuple):
 
 
 class Space(NamedTuple):
-    """Room for a backup.
+    """Working memory of a backup.
 
     Attributes:
         cells, moves: of each robot; (robots,), int64.
         after: joint states where a step may end; (CHOICES ** robots,), int64.
-        worth: what they are worth; (2, CHOICES ** robots).
+        worth: their values; (2, CHOICES ** robots).
     """
 
     cells: np.ndarray
@@ -129,7 +129,7 @@ def group_bound(scenario: Scenario, size: int = LARGEST_GROUP) -> GroupBound:
 
 
 def pair_losses(scenario: Scenario) -> np.ndarray:
-    """Return what each pair of robots loses because they are two, shape (robots, robots)."""
+    """Return the loss of each pair against two lone robots, shape (robots, robots)."""
     team = range(len(scenario.robots))
     alone = [group_optimum(scenario, (k,)) for k in team]
     losses = np.zeros((len(team), len(team)))
@@ -285,7 +285,7 @@ def without_others(scenario: Scenario, group: Sequence[int]) -> Scenario:
 
 
 def _alone(scenario: Scenario) -> np.ndarray:
-    """Return what each robot alone is worth in each cell, arrived robots too; (robots, cells)."""
+    """Return the value of each robot alone in each cell, arrived robots too; (robots, cells)."""
     goals = [robot.goal for robot in scenario.robots]
     far = np.array([scenario.map.distances_to(goal) for goal in goals])
     worth = worth_alone(scenario, far)
@@ -295,7 +295,7 @@ def _alone(scenario: Scenario) -> np.ndarray:
 
 @inner
 def backup(game: Group, entering: np.ndarray, state: int, space: Space) -> float:
-    """Return what entering a joint state is worth by its best joint move; write the robots' moves.
+    """Return the value of a joint state by its best joint move; write the robots' moves.
 
     A move is written as the place of the cell where it leads in `Group.ends`.
 

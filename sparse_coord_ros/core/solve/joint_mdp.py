@@ -57,7 +57,7 @@ class JointMDP:
     actions: np.ndarray
 
     def __repr__(self) -> str:
-        """Return what it is, on one line."""
+        """Return a one-line description."""
         return "<JointMDP of {} states and {} actions>".format(*self.R.shape)
 
 

@@ -125,7 +125,7 @@ def _solve(
         scenario: the problem.
         leads: as `successors` returns them, one a robot.
         paid: as `payment` returns it.
-        cost: what a step costs a robot on average, in the joint state where it begins.
+        cost: mean cost of a step for a robot, by the joint state where it begins.
     """
     start = tuple(robot.start for robot in scenario.robots)
     worth = _worth(scenario, leads, paid, cost)
@@ -160,13 +160,13 @@ def _worth(
     paid: np.ndarray,
     cost: np.ndarray | float,
 ) -> np.ndarray:
-    """Return the worth of joint actions, last robot first, in joint states."""
+    """Return the values of joint actions, last robot first, in joint states."""
     value = np.zeros(paid.shape)
     every = (slice(None),) * len(leads)
     p = scenario.move_success
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
-        # What the joint state is worth that a step leads to; each robot adds its axis in front.
+        # The value of the next joint state; each robot adds its axis in front.
         worth: np.ndarray = scenario.discount * value + paid
         for k, lead in enumerate(leads):
             worth = np.stack(
@@ -182,7 +182,7 @@ def _worth(
 
 
 class JointOutcomes(NamedTuple):
-    """What becomes of the cells that robots want, from every joint state.
+    """The cells in which robots end, by the cells that they want, from every joint state.
 
     A robot's outcome is the move that succeeds, or `STAY`; an outcome of all is one of each.
 
@@ -273,7 +273,7 @@ def worth_alone(
 
     Args:
         scenario: the problem.
-        far: moves to the goal; negative: there is no way.
+        far: moves to the goal; negative: no way.
         moved: the value as a step ends there that is yet to be paid, not as one begins: at the
             goal it has just arrived.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The worth of fixed shortest-path policies: what "Indiv." of the paper tends to.
+"""The value of fixed shortest-path policies, to which "Indiv." of the paper tends.
 
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
@@ -40,10 +40,10 @@ those of one seed."""
 
 @dataclass(frozen=True)
 class Reference:
-    """What a team on fixed shortest paths is worth from the scenario's starts; all are expected.
+    """Expected measures of a team on fixed shortest paths from the scenario's starts.
 
     Attributes:
-        reward: total discounted reward, averaged over the robots: the goal paid from arrival on
+        returns: total discounted reward, averaged over the robots: the goal paid from arrival on
             for ever, and a penalty for each miscoordination until all have arrived. Unlike trials,
             it knows no horizon; but with swap, block or help it does.
         time_to_goal: steps until arrival, averaged over the robots; without horizon too. With
@@ -51,23 +51,23 @@ class Reference:
         miscoordinations: steps of a trial that end in a miscoordination, within the horizon.
         all_arrived: probability that all robots arrive within the horizon.
         trials: how many trials it is the mean of; 0: it is exact.
-        reward_error: standard error of the reward; 0 where it is exact.
+        returns_error: standard error of the return; 0 where it is exact.
         time_to_goal_error: likewise.
         miscoordinations_error: likewise.
     """
 
-    reward: float
+    returns: float
     time_to_goal: float
     miscoordinations: float
     all_arrived: float = 1.0
     trials: int = 0
-    reward_error: float = 0.0
+    returns_error: float = 0.0
     time_to_goal_error: float = 0.0
     miscoordinations_error: float = 0.0
 
     @property
     def exact(self) -> bool:
-        """Whether it is exact: no trials were played."""
+        """True if it is exact: no trials were played."""
         return self.trials == 0
 
     def measure_in_words(self, name: str, digits: int = 2) -> str:
@@ -78,10 +78,10 @@ class Reference:
         return f"{value} ({getattr(self, f'{name}_error'):.{digits}f})"
 
     def in_words(self) -> str:
-        """Return reward and miscoordinations, with errors and failures where there are any."""
-        reward = self.measure_in_words("reward")
+        """Return return and miscoordinations, with their errors, and the failures."""
+        returns = self.measure_in_words("returns")
         missed = self.measure_in_words("miscoordinations")
-        text = f"{reward}, {missed} miscoordinations"
+        text = f"{returns}, {missed} miscoordinations"
         arrive = f"{self.all_arrived:.1%}"
         if arrive != "100.0%":
             text += f", all arrive in {arrive}"
@@ -93,7 +93,7 @@ def shortest_path_reference(
 ) -> Reference:
     """Return the value of fixed shortest paths, with no coordination (paper, Section 4).
 
-    It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
+    It is what Indiv. tends to. `returns` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial. It is exact (`exact`), but for more
     than two robots that swap, block or help it is the mean of 10,000 trials, with standard errors.
 
@@ -116,7 +116,7 @@ def shortest_path_reference(
 
 
 def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return what one or two robots are worth, by their joint chain."""
+    """Return the value of one or two robots, by their joint chain."""
     cells = len(scenario.map.cells)
     never = np.zeros(cells)
     blind = np.zeros((cells, PRIMITIVES))
@@ -125,7 +125,7 @@ def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     ]
     found = evaluate_greedy(scenario, robots)
     return Reference(
-        reward=found.reward.mean,
+        returns=found.returns.mean,
         time_to_goal=found.time_to_goal.mean,
         miscoordinations=found.miscoordinations.mean,
         all_arrived=found.all_arrived,
@@ -133,7 +133,7 @@ def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
 
 
 def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return what a team is worth by trials, all of which are played at once."""
+    """Return the value of a team by trials, all played at once."""
     rng = np.random.default_rng(0)
     robots = scenario.robots
     team = len(robots)
@@ -145,7 +145,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     worth = scenario.goal_reward / (1.0 - scenario.discount)
     toll = float(np.mean(scenario.penalties))
     bonus = float(np.mean(scenario.help_rewards))
-    reward = np.zeros(TRIALS)
+    returns = np.zeros(TRIALS)
     times = np.zeros(TRIALS)
     conflicts = np.zeros(TRIALS)
     for t in range(scenario.horizon):
@@ -163,34 +163,34 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
         ends = settled(inter, cells, wanted)
         conflict = running & miscoordinations(inter, cells, ends)
         arrivals = (under_way & (ends == goals)).sum(axis=0)
-        reward += scenario.discount**t * (conflict * toll + arrivals * worth / team)
-        reward += scenario.discount**t * bonus * help_given(inter, cells, ends)
+        returns += scenario.discount**t * (conflict * toll + arrivals * worth / team)
+        returns += scenario.discount**t * bonus * help_given(inter, cells, ends)
         times += under_way.mean(axis=0)
         conflicts += conflict
         cells = ends
-    measures = [reward, times, conflicts]
+    measures = [returns, times, conflicts]
     errors = [float(own.std(ddof=1)) / math.sqrt(TRIALS) for own in measures]
     return Reference(
-        reward=float(reward.mean()),
+        returns=float(returns.mean()),
         time_to_goal=float(times.mean()),
         miscoordinations=float(conflicts.mean()),
         all_arrived=float((cells == goals).all(axis=0).mean()),
         trials=TRIALS,
-        reward_error=errors[0],
+        returns_error=errors[0],
         time_to_goal_error=errors[1],
         miscoordinations_error=errors[2],
     )
 
 
 def _independent(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return what robots are worth that can only be together."""
+    """Return the value of robots whose only interaction is to be together."""
     conflict, all_arrived = _miscoordination_probability(scenario, moves)
     discounted = conflict @ scenario.discount ** np.arange(len(conflict))
     distances = [
         scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots
     ]
     return Reference(
-        reward=independent_bound(scenario)
+        returns=independent_bound(scenario)
         + float(np.mean(scenario.penalties) * discounted),
         time_to_goal=float(np.mean(distances)) / scenario.move_success,
         miscoordinations=float(conflict[: scenario.horizon].sum()),

@@ -44,7 +44,7 @@ LEAST_GAIN = 0.01
 
 @dataclass(frozen=True)
 class RoutePlan:
-    """What the planner found for a team.
+    """The planner's result for a team.
 
     Attributes:
         value: total discounted reward from the scenario's starts, averaged over the robots.
@@ -62,7 +62,7 @@ class RoutePlan:
 
 
 class Ways(NamedTuple):
-    """What the search changes; attributes as of `RoutePlan`."""
+    """The part of a plan that the search changes; attributes as of `RoutePlan`."""
 
     order: tuple[int, ...]
     avoided: tuple[frozenset[int], ...]
@@ -90,12 +90,12 @@ class Routed(NamedTuple):
     Attributes:
         lead: where a successful move leads; (cells, moves).
         places: the meeting place of each cell, or `NOWHERE`; (cells,).
-        claims: what robots keep apart in, as `places`.
+        claims: places for one robot at a time, in the form of `places`.
         starts, goals: of each robot; (robots,).
-        after: what a robot alone on its route is worth at the end of a step; (robots, cells).
+        after: value of a robot alone on its route at the end of a step; (robots, cells).
         order: as of `RoutePlan`; (robots,).
         toll: sum of r^C over the robots.
-        prize: worth of an arrival, carried to infinity.
+        prize: value of an arrival, for ever.
         discount: gamma.
         success: probability that a move succeeds.
     """
@@ -135,13 +135,13 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         draws = rng.random((SEARCHED, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
         ways = Ways(tuple(order), (frozenset(),) * team)
-        best = float(rewards_of(scenario, ways, draws).mean())
+        best = float(returns_of(scenario, ways, draws).mean())
         better = True
         while better:
             better = False
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
-                worth = float(rewards_of(scenario, changed[number], draws).mean())
+                worth = float(returns_of(scenario, changed[number], draws).mean())
                 if worth > best + LEAST_GAIN:
                     best = worth
                     ways = changed[number]
@@ -154,7 +154,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         rng.random((TRIALS_AT_ONCE, scenario.horizon, team))
         for _ in range(JUDGED // TRIALS_AT_ONCE)
     )
-    means = np.concatenate([rewards_of(scenario, ways, draws) for draws in fresh])
+    means = np.concatenate([returns_of(scenario, ways, draws) for draws in fresh])
     return RoutePlan(
         value=float(means.mean()),
         standard_error=float(means.std(ddof=1) / len(means) ** 0.5),
@@ -164,8 +164,8 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
 
 
-def rewards_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
-    """Play trials of a plan; return the team's mean reward in each.
+def returns_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
+    """Play trials of a plan; return the team's mean return in each.
 
     Args:
         scenario: the problem.
@@ -187,9 +187,9 @@ def rewards_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
         discount=float(scenario.discount),
         success=float(scenario.move_success),
     )
-    rewards = np.zeros(len(draws))
-    compiled()(routed, draws, np.zeros((3, len(ways.order)), dtype=np.int64), rewards)
-    return rewards
+    returns = np.zeros(len(draws))
+    compiled()(routed, draws, np.zeros((3, len(ways.order)), dtype=np.int64), returns)
+    return returns
 
 
 def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
@@ -288,7 +288,7 @@ def choose(routed: Routed, space: np.ndarray, place: int) -> None:
 
 
 def play(
-    routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarray
+    routed: Routed, draws: np.ndarray, space: np.ndarray, returns: np.ndarray
 ) -> None:
     """Play trials.
 
@@ -296,7 +296,7 @@ def play(
         routed: the scenario and the plan.
         draws: in [0, 1), one for each trial, step and robot.
         space: room for cells, chosen cells and the step's sequence; (3, robots), int64.
-        rewards: what each trial brings, averaged over the robots; set.
+        returns: return of each trial, averaged over the robots; set.
     """
     cells, chosen, sequence = space
     team = len(cells)
@@ -323,7 +323,7 @@ def play(
             if meet(routed.places, cells, routed.order):
                 total += factor * routed.toll
             factor *= routed.discount
-        rewards[trial] = total / team
+        returns[trial] = total / team
 
 
 @functools.cache

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a team's reward is measured against: other teams that are known, and the optimum.
+"""Reference values for a team's return: other known teams, and the joint optimum.
 
 The joint optimum sees everything always and pays nothing for it; no team that has to ask reaches
 it. A team of Algorithm 1's form has for each robot a map from its own cell to a move or to
@@ -48,7 +48,7 @@ GAME_SETTINGS = (
 
 @dataclass(frozen=True)
 class RobotPolicy:
-    """What one robot does.
+    """The policy of one robot.
 
     Attributes:
         moves: one letter a cell, n, s, e or w: the move without asking, or after a failed percept.
@@ -67,11 +67,11 @@ class AskingTeam:
     Attributes:
         value: total discounted reward from the scenario's starts, averaged over the robots and
             carried to infinity.
-        robots: what each robot does.
+        robots: each robot's policy.
         gains: what each robot alone could gain for itself at least, the other staying as it is:
             the best that a search found. All 0: nothing was found, the team seems an equilibrium.
-        restarts: how many climbs from random teams there were.
-        agreed: how many of them ended at this value.
+        restarts: number of climbs from random teams.
+        agreed: number of climbs that ended at this value.
         seed: of the search.
         game: digest of the game.
         version: of this software.
@@ -94,10 +94,10 @@ class BestTeam:
     """The best of many learned teams.
 
     Attributes:
-        value: its mean reward, averaged over the robots.
+        value: its mean return, averaged over the robots.
         standard_error: of the trials.
         trials: trials behind it, other ones than those that it was chosen by.
-        teams: how many teams it was chosen from.
+        teams: number of teams from which it was chosen.
         learner: their learner.
         steps: their step budget.
         seed: its seed.
@@ -118,7 +118,7 @@ class BestTeam:
     date: str
 
     def __str__(self) -> str:
-        """Return what it is, in words."""
+        """Return a description in words."""
         return (
             f"{self.value:.2f} ({self.standard_error:.2f}), best of {self.teams} that learned: "
             f"{self.learner}, {self.steps} steps, seed {self.seed}"
@@ -189,7 +189,7 @@ def known_best(scenario: Scenario) -> float | None:
 
 
 def known_top(scenario: Scenario) -> float | None:
-    """Return where the gap of a benchmark ends; None: nobody knows.
+    """Return the value at the top of a benchmark's gap; None if unknown.
 
     Of two robots that is the best asking team found, of more an upper bound (`shipped_bound`).
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The last word on a learned team: what it earns, what it loses, and whether it coordinates."""
+"""The verdict on a learned team: its gains, its losses, and whether it coordinates."""
 
 import math
 from typing import NamedTuple
@@ -44,7 +44,7 @@ FAILING = "failing"
 
 
 class LastWord(NamedTuple):
-    """What became of a team: one of the words above, and sentences for people."""
+    """The verdict on a team: one of the words above, and sentences for people."""
 
     kind: str
     text: str
@@ -56,14 +56,14 @@ def last_word(
     """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
-    best team known earns more than they. A team has learned to coordinate if its robots ask and
+    best team known earns beyond that. A team has learned to coordinate if its robots ask and
     it closes at least half of the gap. A team whose robots do not ask may earn more than robots
     that ignore each other, too: by its choice among equally short paths, or by a detour. Where all
     arrive, and percepts can succeed, the text says whether coordination was to be expected to pay.
 
     Args:
         scenario: the problem.
-        learner: who learned.
+        learner: the learner.
         found: the value of its team.
     """
     missed = 1.0 - found.all_arrived
@@ -77,27 +77,27 @@ def last_word(
         )
     alone = independent_bound(scenario)
     ignoring = shortest_path_reference(scenario)
-    earned = found.reward.mean
+    earned = found.returns.mean
     slight = SLIGHT * alone
     expected = advice(scenario)
     remedy = _remedy(scenario, learner)
-    error = math.hypot(found.reward.standard_error, ignoring.reward_error)
-    if ignoring.reward - earned > slight + LOSS_ERRORS * error:
+    error = math.hypot(found.returns.standard_error, ignoring.returns_error)
+    if ignoring.returns - earned > slight + LOSS_ERRORS * error:
         return LastWord(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
-            f"on shortest paths without asking {ignoring.reward:.2f}. {remedy}",
+            f"on shortest paths without asking {ignoring.returns:.2f}. {remedy}",
         )
     [(name, best), *_] = yardsticks(scenario)
-    gap = best - ignoring.reward
+    gap = best - ignoring.returns
     if gap <= slight:
         return LastWord(
             NEEDLESS,
             f"Coordination is not needed here: robots that ignore each other earn "
-            f"{ignoring.reward:.2f} each, the {name} {best:.2f}. A robot of this team earns "
+            f"{ignoring.returns:.2f} each, the {name} {best:.2f}. A robot of this team earns "
             f"{earned:.2f}. {expected.text}",
         )
-    own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.reward:.2f}"
+    own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.returns:.2f}"
     if not percepts_can_succeed(scenario):
         return LastWord(IN_VAIN, f"{remedy} In this team {own}.")
     asks = found.asks.mean
@@ -112,7 +112,7 @@ def last_word(
             f"The team does not coordinate by asking: {why}. In this team {own}, "
             f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
         )
-    gain = earned - ignoring.reward
+    gain = earned - ignoring.returns
     said = (
         f"{own}. This closes {gain / gap:.0%} of the gap to the {name} ({best:.2f}; loss "
         f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"
@@ -129,8 +129,8 @@ def _compared(
 ) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
-    With block or help alone there are none; robots that stand in each other's way, or wait for
-    each other, lose time.
+    With block or help alone there are no miscoordinations; robots in each other's way, or robots
+    that wait for each other, lose time.
     """
     steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
     if scenario.interactions.startswith("block"):
@@ -151,7 +151,7 @@ def _compared(
 
 
 def _remedy(scenario: Scenario, learner: Learner) -> str:
-    """Return what to try for a team that does not coordinate.
+    """Return advice for a team that does not coordinate.
 
     More steps help Factored only: others settle on not asking (docs/design.md).
     """

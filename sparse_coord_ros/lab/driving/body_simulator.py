@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A kinematic simulator of bodies: differential drives among walls, with seeded noise.
 
-What it leaves out: inertia, sensors, and what happens after a collision. Bodies that touch each
-other are counted, and drive on through each other; walls stop them.
+It leaves out inertia, sensors, and the physics of collisions. Bodies that touch each other are
+counted, and drive on through each other; walls stop them.
 """
 
 import itertools
@@ -35,7 +35,7 @@ ELSEWHERE = "elsewhere"
 
 
 class Noise(NamedTuple):
-    """How unsure bodies are; standard deviations.
+    """Noise of bodies' motion and poses; standard deviations.
 
     Attributes:
         wheels: of a wheel's speed in a tick, as a share of it; a quarter of it is each wheel's
@@ -74,9 +74,9 @@ class Body:
 
     Attributes:
         pose: where it is.
-        odometry: where it would be by what its wheels were told, since it was put somewhere.
-        command: what it was last told.
-        bumps: how often it drove against a wall.
+        odometry: its pose by the commands of its wheels since it was placed.
+        command: its last command.
+        bumps: number of times that it drove against a wall.
     """
 
     def __init__(
@@ -186,7 +186,7 @@ class BodySimulator:
 
     @property
     def bumps(self) -> int:
-        """How often bodies drove against walls."""
+        """The number of times that bodies drove against walls."""
         return sum(body.bumps for body in self.bodies)
 
     def put(self, cells: Mapping[int, int]) -> None:
@@ -196,11 +196,11 @@ class BodySimulator:
         self._touching = set(self._touching_now())
 
     def send(self, goals: Goals) -> bool:
-        """Take in what bodies are told; return whether that is new, and time has passed."""
+        """Take in the bodies' goals; return whether they are new, and time has passed."""
         if goals.number == self._number:
             return False
         self._number = goals.number
-        # A simulator that was started again: drivers wait for poses newer than what they know.
+        # After a restart of the simulator, drivers wait for poses newer than those they know.
         self.ticks = max(self.ticks, round((goals.since - BEGIN) / self.period))
         self._told.clear()
         self._under_way = set()
@@ -228,7 +228,7 @@ class BodySimulator:
         return self._tick_when_told()
 
     def told(self, robot: int, command: Command) -> bool:
-        """Take in what a body is to do, in step; return whether time has passed.
+        """Take in a body's command, in step; return whether time has passed.
 
         A stop is ignored: no body moves while no time passes.
         """

@@ -16,13 +16,13 @@ ASTRAY = 0.25
 class Driver(Mover):
     """Steers one robot's body from cell to cell.
 
-    It is where it was to go when it is near its place there. When time is over the body stops, and
-    the cell that it is in counts. After goals and poses, ask what is `next`.
+    The body has arrived when it is near its place in the goal's cell. When time is over it stops,
+    and its present cell counts. After goals and poses, ask what is `next`.
 
     Args:
         metric_map: the floor.
-        limits: what the body may do.
-        robot: whose body, from 0.
+        limits: the body's limits.
+        robot: the robot, from 0.
     """
 
     def __init__(self, metric_map: MetricMap, limits: Limits, robot: int) -> None:

@@ -100,9 +100,9 @@ class MetricMap:
         return np.column_stack(bounds).tolist()
 
     def cell(self, x: float, y: float) -> int | None:
-        """Return the free cell of a place; off the grid the nearest one, if within a cell's side.
+        """Return the free cell at a place; off the grid the nearest one, if within a cell's side.
 
-        None: there is none.
+        None: no such cell.
         """
         cell = self._frame.cell(x, y)
         if cell is not None or not (math.isfinite(x) and math.isfinite(y)):

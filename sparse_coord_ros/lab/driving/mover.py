@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every driver of a body shares: goals and poses in, and how a goal ends."""
+"""Base of all drivers of a body: goals and poses in, ends of goals out."""
 
 import math
 from typing import NamedTuple
@@ -31,11 +31,11 @@ simulator was started again."""
 
 
 class GoalState(NamedTuple):
-    """What a goal is judged by.
+    """The state of a goal, to judge it by.
 
     Attributes:
-        goals, goal: what all bodies were told, and this one.
-        pose, stamp: where the body is, and when it was seen there.
+        goals, goal: the goals of all bodies, and this body's.
+        pose, stamp: the body's pose, and its time stamp.
         target: its place in the goal's cell, (x, y) in metres.
     """
 
@@ -47,7 +47,7 @@ class GoalState(NamedTuple):
 
 
 class Mover:
-    """Takes one robot's body from cell to cell; how, a subclass says.
+    """Moves one robot's body from cell to cell, in a way that subclasses define.
 
     A body is in the free cell whose square its pose lies in; off the grid, in the nearest one
     within a cell's side. Where it ends counts, whatever moved it: it has arrived, stayed or
@@ -55,7 +55,7 @@ class Mover:
 
     Args:
         metric_map: the floor.
-        robot: whose body, from 0.
+        robot: the robot, from 0.
 
     Attributes:
         pose: the newest pose; None: none has come.
@@ -77,12 +77,12 @@ class Mover:
 
     @property
     def busy(self) -> bool:
-        """Whether the body is under way to a goal."""
+        """True if the body is under way to a goal."""
         return self._goal is not None
 
     @property
     def _unheard(self) -> bool:
-        """Whether the simulator of the body stands still, as if it had missed the last command."""
+        """True if the simulator of the body stands still, as if it had missed the last command."""
         return self._repeats > 0 and self._repeats % REPEATS == 0
 
     def take(self, goals: Goals) -> bool:
@@ -115,7 +115,7 @@ class Mover:
         self.pose = pose
 
     def _goal_state(self) -> GoalState | None:
-        """Return the state of the goal; None: there is no goal, or no pose."""
+        """Return the state of the goal; None: no goal, or no pose."""
         if self._goal is None or self.pose is None:
             return None
         target = self._metric_map.place(self._robot, self._goal.end)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Moves as goals of a navigation server (Nav2), as a state machine: what it says is one opinion.
+"""Moves as goals of a navigation server (Nav2), as a state machine; poses check its reports.
 
 Poses decide, not the server's results. A result is a reason to look: the cell of the next pose
 counts, whether the server speaks of success or not. Each goal that was sent is followed until the
@@ -29,7 +29,7 @@ ANSWER_SECONDS = 2.0
 
 
 class NavLimits(NamedTuple):
-    """What is asked of the server.
+    """Limits of the requests to the server.
 
     Attributes:
         near: metres from a place within which the body is there, whatever the server says.
@@ -47,10 +47,10 @@ class NavLimits(NamedTuple):
 
 
 class NavPort(Protocol):
-    """What can be done to the server. A ticket is this client's number of a goal."""
+    """Requests to the server. A ticket is this client's number of a goal."""
 
     def send(self, ticket: int, target: Pose) -> bool:
-        """Send a goal; False: there is no server."""
+        """Send a goal; False: no server."""
 
     def cancel(self, ticket: int) -> None:
         """Ask the server to end a goal that it has accepted."""
@@ -89,9 +89,9 @@ class Navigator(Mover):
 
     Args:
         metric_map: the floor.
-        limits: what is asked of the server.
-        robot: whose body, from 0.
-        port: how the server is reached.
+        limits: limits of the requests.
+        robot: the robot, from 0.
+        port: the connection to the server.
 
     Attributes:
         held: whether nothing may be driven.
@@ -115,7 +115,7 @@ class Navigator(Mover):
 
     @property
     def clear(self) -> bool:
-        """Whether the server has no goal of this client, as far as is known."""
+        """True if the server has no goal of this client, as far as is known."""
         return self._sent is None
 
     def sees(self, seconds: float, pose: Pose) -> None:
@@ -130,8 +130,8 @@ class Navigator(Mover):
 
         Args:
             now: the time.
-            kind: what it counts as.
-            why: what is said of it.
+            kind: the kind of end that is counted.
+            why: the reason, for the log.
             blind: the pose of the body is not known until the next one comes.
         """
         self._blind |= blind
@@ -183,8 +183,8 @@ class Navigator(Mover):
         Args:
             ticket: which.
             now: the time.
-            kind: what it counts as.
-            why: what is said of it; empty: nothing, it went well.
+            kind: the kind of end that is counted.
+            why: the reason, for the log; empty: success.
         """
         sent = self._sent
         if sent is None or sent.ticket != ticket:
@@ -204,7 +204,7 @@ class Navigator(Mover):
             self._over = now, self._stamp
 
     def next(self, now: float) -> Reached | None:
-        """Do what is to be done now; return how the goal ended if it has."""
+        """Do the work that is due; return the end of the goal if it has ended."""
         self._watch(now)
         self._take_new_goals(now)
         if self.held:
@@ -263,7 +263,7 @@ class Navigator(Mover):
         """Return the end of a move that is over, once the server and a newer pose confirm it.
 
         Args:
-            state: what is known.
+            state: the state of the goal.
             since: when the move was over.
             before: the newest pose's stamp then.
             now: the time.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a differential drive is steered to a place, and how long that may take."""
+"""Steering of a differential drive to a place, and the time that it may take."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ SPARE = 2.0
 
 
 class Limits(NamedTuple):
-    """What a body may do.
+    """The limits of a body.
 
     Attributes:
         speed: metres a second.
@@ -38,7 +38,7 @@ class Limits(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a body is to do: metres a second ahead, radians a second counterclockwise."""
+    """A body's command: metres a second ahead, radians a second counterclockwise."""
 
     ahead: float
     turn: float

@@ -40,10 +40,10 @@ class Tree:
         self._frames[child.lstrip("/")] = Seen(parent.lstrip("/"), pose, seconds)
 
     def find(self, parent: str, child: str) -> tuple[float, Pose] | None:
-        """Return (seconds, where `child` is in `parent`) by the newest transforms.
+        """Return (seconds, pose of `child` in `parent`) by the newest transforms.
 
         The time is the newest one on the way: that of the odometry, which comes more often than a
-        localisation corrects it. None: there is no way, or only a static one.
+        localisation corrects it. None: no chain of transforms, or only a static one.
         """
         parent = parent.lstrip("/")
         frame = child.lstrip("/")

@@ -88,10 +88,10 @@ class DrivenTeam:
         world: the game.
 
     Attributes:
-        bodies: who sends the bodies.
-        simulator: where they are.
+        bodies: sends the bodies' goals.
+        simulator: simulates the bodies.
         drivers: one a robot.
-        moves: how many moves bodies were sent on.
+        moves: number of moves that bodies were sent on.
         followed: the episode whose path is kept; None: none.
         path: where the bodies were at each tick of such episodes.
     """
@@ -112,7 +112,7 @@ class DrivenTeam:
         self._goals: list[Goals] = []
 
     def send(self, goals: Goals) -> None:
-        """Take in what bodies are told."""
+        """Take in the bodies' goals."""
         self._goals.append(goals)
         self.moves += 0 if goals.place else len(goals.bodies)
 
@@ -154,10 +154,10 @@ class DrivenTeam:
 
 @dataclass
 class Drive:
-    """What came of driven episodes; E episodes of K robots.
+    """Results of driven episodes; E episodes of K robots.
 
     Attributes:
-        team: what happened in all episodes together.
+        team: counts over all episodes.
         steps: time steps of each episode, shape (E,).
         seconds: simulated seconds of each episode, shape (E,).
         arrived: whether each robot arrived within the horizon, shape (E, K).

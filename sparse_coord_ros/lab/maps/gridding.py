@@ -1,11 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A floor plan's pixels as cells: what a robot's centre may cross, and where to lay the grid.
+"""A floor plan's pixels as cells: space for a robot's centre, and the place of the grid.
 
 A cell is free where its centre is; averaging over a cell's pixels would erase walls or close
 doors. Where the grid lies decides whether a door keeps a row of free centres, so its offset is
-searched. A robot drives straight from centre to centre: what lies between two free centres is
-checked as well.
+searched. A robot drives straight from centre to centre: the space between two free centres is
+also checked.
 """
 
 import math
@@ -34,7 +34,7 @@ CRUMB = 4
 
 
 class Gridding(NamedTuple):
-    """Where a grid lies, and what its cells are.
+    """The place of a grid, and the kinds of its cells.
 
     Attributes:
         top, left: where its upper left corner lies, in pixels; may be outside the image.
@@ -81,7 +81,7 @@ def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
     """
     pixels = int(round(speck / plan.resolution))
     walls = without_specks(plan.occupied, pixels)
-    # What is neither free nor wall is unknown: specks of noise are filled, rooms never.
+    # Pixels that are neither free nor wall are unknown: specks of noise are filled, rooms never.
     unfree = without_specks(~(plan.free | (plan.occupied & ~walls)) | walls, pixels)
     blocked = grown(unfree, radius / plan.resolution)
     parts = ndimage.label(~blocked, output=np.int32)[0]
@@ -115,7 +115,7 @@ def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
 
     Both pictures have the shape (rows, columns), bool.
     """
-    if not pixels.any():  # distances to nothing are none
+    if not pixels.any():  # no pixels, no distances
         return pixels
     return np.asarray(ndimage.distance_transform_edt(~pixels) <= radius)
 
@@ -172,7 +172,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
     free = parts > 0
     slips = 0
     for past, axis in zip(space.past_walls, (1, 0), strict=True):
-        # What separates one pair may be a spot; what separates two side by side is a wall.
+        # An obstacle between one pair may be a spot; one between two adjacent pairs is a wall.
         one, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
         slips += int((one & beside).sum())
     _close(free, [past[at] for past in space.past_blocked])
@@ -192,7 +192,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
 
 
 def _close(free: np.ndarray, past: list[np.ndarray]) -> None:
-    """Take from each pair of neighbours that a robot cannot drive between the one worth less.
+    """From each pair of neighbours without a drivable way between, close the less useful cell.
 
     That is the one with more such pairs, or else with fewer free neighbours.
     """

@@ -68,13 +68,13 @@ OCCUPIED_SHADE = 0
 
 @dataclass(frozen=True)
 class FloorPlan:
-    """A map of map_server: what each pixel is, and where the image lies.
+    """A map of map_server: the kind of each pixel, and the position of the image.
 
     Attributes:
         path: the YAML file.
         free: pixels known to be free, shape (rows, columns), bool, top row first.
-        occupied: pixels known to be occupied; what is neither is unknown.
-        resolution: metres a pixel.
+        occupied: pixels known to be occupied; all other pixels are unknown.
+        resolution: metres per pixel.
         origin: (x, y) of the image's lower left corner, in metres.
         doubtful: share of the free pixels that have the grey by which map_saver means unknown.
     """
@@ -150,7 +150,7 @@ def read_floor_plan(path: Path) -> FloorPlan:
 
 
 def floor_plan_of(grid: GridMap) -> FloorPlan | None:
-    """Return the floor plan that a map was made of; None: of none that is there."""
+    """Return the floor plan that a map was made of; None if it is missing."""
     if grid.resolution is None or not os.path.isfile(grid.source):
         return None
     with suppress(MapError):
@@ -178,7 +178,7 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with open_regular(path, IMAGE) as file:
-                # Pillow asks it for what a damaged file says
+                # Pillow may ask for it because of a damaged file
                 content = io.BytesIO(file.read())
             with Image.open(content) as image:
                 if (
@@ -200,7 +200,7 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise MapError(f"{path}: no such image; {remedy}") from None
     except (
         Exception
-    ) as error:  # Pillow raises what a broken file makes its decoders raise
+    ) as error:  # Pillow's decoders raise any exception for a broken file
         problem = " ".join(str(error).split())[:200]
         if isinstance(error, UnidentifiedImageError):  # which names Python's object
             problem = "its format is unknown"
@@ -284,7 +284,7 @@ def data_url(plan: FloorPlan) -> str:
 
 
 def under(grid: GridMap) -> dict[str, Any] | None:
-    """Return the floor plan under a map, as a picture for a page; None: there is none.
+    """Return the floor plan under a map, as a picture for a page, or None.
 
     Its place is that of its upper left corner, and its size, in cells of the map.
     """

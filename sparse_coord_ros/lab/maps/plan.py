@@ -57,7 +57,7 @@ class Imported:
         grid: the map.
         parts: cells of each part of the free space, largest first; those without a robot are left
             out of the map where there are robots.
-        notes: what is odd, one line each.
+        notes: warnings, one line each.
     """
 
     grid: GridMap
@@ -84,8 +84,8 @@ def import_map(
         radius: the robot's, in metres.
         robots: start and goal of each; parts of the map without any of them become walls.
         doorway: places in cells that are to be doorways.
-        no_doorway: places in doorways that are to be none.
-        doorway_length: most metres through a doorway; what is longer is a corridor. None: of
+        no_doorway: places whose doorways are to become plain cells.
+        doorway_length: most metres through a doorway; a longer passage is a corridor. None: of
             a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
         speck: spots smaller than this, in metres, are noise.
 
@@ -178,7 +178,8 @@ def _layout_of(
     layout = gridding.best_layout(space, cell / plan.resolution)
     if layout.slips:
         raise MapError(
-            f"map {plan.name}: cells of {cell:g} m are so large that a wall slips between two "
+            f"map {plan.name}: cells of {cell:g} m are so large that a wall disappears between "
+            "two "
             f"({layout.slips} times, wherever the grid lies); choose smaller ones"
         )
     if not layout.free.any():
@@ -207,7 +208,7 @@ def _doorways(
 
 
 def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
-    """Yield what is odd about an image or the sizes, one line each."""
+    """Yield warnings about an image or the sizes, one line each."""
     if plan.doubtful:
         yield (
             f"{plan.doubtful:.0%} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
@@ -224,14 +225,14 @@ def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
 def _notes(
     cut: int, doors: int, parts: tuple[int, ...], robots: bool, wide: list[Place]
 ) -> Iterator[str]:
-    """Yield what is odd about a map, one line each."""
+    """Yield warnings about a map, one line each."""
     if cut:
         yield (
             f"{_count(cut, 'part is', 'parts are')} cut off although a robot would fit through: a "
             "smaller cell may keep the way open"
         )
     if len(parts) > 1:
-        left = "those without a robot are walls now" if robots else "all are in the map"
+        left = "parts without a robot became walls" if robots else "all are in the map"
         sizes = ", ".join(map(str, parts[:8])) + ", ..." * (len(parts) > 8)
         yield f"{len(parts)} parts of the map do not connect (cells: {sizes}); {left}"
     if not doors:
@@ -273,7 +274,7 @@ class _Frame:
         """Return (row, column) of the free cell at a place.
 
         Raises:
-            MapError: there is none.
+            MapError: no free cell is there.
         """
         height, width = self._free.shape
         column = math.floor((place[0] - self._corner[0]) / self._side)
@@ -390,7 +391,7 @@ def scenario_of(
         given: the user's settings.
 
     Returns:
-        The scenario; the settings that were suggested; what is legal but odd, one line each.
+        The scenario; the suggested settings; warnings, one line each.
 
     Raises:
         MapError: a start or a goal is in no free cell.
@@ -422,31 +423,31 @@ def scenario_of(
 
 
 def _oddities(scenario: Scenario) -> Iterator[str]:
-    """Yield what is legal but odd about robots on a map."""
+    """Yield warnings about robots on a map."""
     grid = scenario.map
     robots = scenario.robots
     needed = 0.0
     if len({robot.start for robot in robots}) < len(robots):
         yield "two robots start in the same cell: that is no conflict, but hardly possible"
     if len({robot.goal for robot in robots}) < len(robots):
-        yield "two robots have the same goal: they would stand in one place"
+        yield "two robots have the same goal: they would end in the same place"
     for robot in robots:
         goal = f"the goal of {robot.name} is"
         if robot.goal in grid.doorways:
-            yield f"{goal} in a doorway: it stays there and is in everybody's way"
+            yield f"{goal} in a doorway: it stays there and blocks the others"
         way = grid.distances_to(robot.goal)
         moves = int(way[robot.start])
         steps = moves / scenario.move_success
         if steps > scenario.horizon:
             yield (
-                f"{goal} {moves} cells away, and takes {steps:.0f} steps in the mean: more than "
+                f"{goal} {moves} cells away, and takes {steps:.0f} steps on average: more than "
                 f"the horizon of {scenario.horizon}"
             )
         needed = max(needed, steps_for(way, scenario.move_success))
     lost = in_questions(loss_of_ignoring(scenario), scenario)
     if len(robots) > 1 and can_interact(scenario) and lost < LEAST_WORTH:
         yield (
-            "nothing to coordinate: on shortest paths robots hardly ever interact "
+            "nothing to coordinate: shortest paths rarely meet "
             f"({scenario.interactions}), and lose less than a question costs; choose other starts "
             "and goals, or add a doorway where they meet"
         )

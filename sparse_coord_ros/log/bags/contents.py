@@ -103,9 +103,9 @@ class Attachment:
     """A file in the bag.
 
     Attributes:
-        name: what it is called.
-        media_type: what kind of file it is.
-        log_time_ns: when it was attached.
+        name: its name.
+        media_type: its media type.
+        log_time_ns: the log time at which it was attached.
         size: its bytes.
         offset: where they begin in the bag's file.
         file: that file.
@@ -153,8 +153,8 @@ class BagFile:
         compressions: of the chunks that were read: some of `zstd`, `lz4` and `none`.
 
     Raises:
-        BagError: there is no such file, it does not begin as MCAP, or holds other messages than
-            those of ROS 2.
+        BagError: the file is missing, does not begin as MCAP, or holds messages that are not of
+            ROS 2.
     """
 
     def __init__(self, path: Path, *, checked: bool) -> None:
@@ -187,7 +187,7 @@ class BagFile:
 
     @property
     def summary(self) -> FileSummary:
-        """What `metadata.yaml` says about it."""
+        """Its description in `metadata.yaml`."""
         start_ns = min((block.start_ns for block in self.blocks), default=0)
         end_ns = max((block.end_ns for block in self.blocks), default=0)
         return FileSummary(self.path.name, dict(self.counts), start_ns, end_ns)
@@ -219,7 +219,7 @@ class BagFile:
 
     @property
     def whole(self) -> bool:
-        """Whether every record of the data was read; the summary may be damaged."""
+        """True if every record of the data was read; the summary may be damaged."""
         return not self._lost and not self._altered
 
     @property
@@ -282,7 +282,7 @@ class BagFile:
     def parts(self, blocks: Sequence[Block]) -> Iterator[Part]:
         """Yield the messages of blocks, those of small ones together.
 
-        Of a file that is not checked those that cannot be read are left out, and noted as gaps.
+        In a file that is not checked, unreadable messages are left out and noted as gaps.
 
         Raises:
             BagError: the file was checked, and has changed since.
@@ -315,7 +315,7 @@ class BagFile:
         lost = self._lost
         blocks = self.blocks
         if not lost and self.finished:
-            with suppress(Damage):  # what a lost chunk defined is there again
+            with suppress(Damage):  # repeats the definitions of lost chunks
                 summary = self._source.read(self.size - len(MAGIC) - 20, 8)
                 self._check_summary(int.from_bytes(summary, "little"))
         at = bisect_left(blocks, begin, key=lambda block: block.offset)
@@ -348,10 +348,10 @@ class BagFile:
         return self._next_whole_record(begin + 1)
 
     def _next_whole_record(self, begin: int) -> tuple[int, int] | None:
-        """Take the next record that is whole and right; return its place and its end.
+        """Take the next whole, valid record; return its place and its end.
 
         Returns:
-            None where there is no such record, or a forged file makes the search too long.
+            None if no such record follows, or if a forged file makes the search too long.
         """
         self._tried += SEARCH
         for place in self._source.places(begin, self.size):
@@ -425,7 +425,7 @@ class BagFile:
         """Take one record, whole or not at all; raises Damage."""
         if not self._belongs(record):
             raise Damage(
-                record.offset, f"{describe(record.opcode)}, which has no business there"
+                record.offset, f"{describe(record.opcode)}, which is not allowed there"
             )
         if len(self.metadata) + len(self.attachments) > RECORDS:
             raise BagError(
@@ -458,7 +458,7 @@ class BagFile:
         return self._source.read(record.body, record.length)
 
     def _block(self, record: RecordPlace) -> tuple[Block, int]:
-        """Return where a chunk is, and the checksum of its content; raises Damage."""
+        """Return the place of a chunk and the checksum of its content; raises Damage."""
         head = self._source.read(record.body, min(record.length, 64))
         with suppress(struct.error):
             start_ns, end_ns, content, crc, name = _CHUNK_HEAD.unpack_from(head)
@@ -505,7 +505,7 @@ class BagFile:
         )
 
     def _check(self) -> None:
-        """Read what is in the blocks, and compare the checksums of the file."""
+        """Read the blocks, and compare the checksums of the file."""
         for part in self.parts(tuple(self.blocks)):
             self._count(part.heads)
             if self.counts.total() > (most := RECORDS + self.size):

@@ -14,7 +14,7 @@ SHOWN = 20
 
 
 class Gap(NamedTuple):
-    """A part of a bag that cannot be read; everything outside of the gaps is read.
+    """A part of a bag that cannot be read. Everything outside of the gaps is read.
 
     The lost messages were logged between the neighbours of the gap. As a message may come late,
     their time steps may lie a few steps outside of these times.
@@ -23,9 +23,9 @@ class Gap(NamedTuple):
         begin, end: its bytes in the file, without `end`. They are equal where the number of lost
             bytes is unknown: the file was cut off, or is missing (then both are 0).
         why: the reason, one sentence.
-        first_ns: the latest log time before the gap; None: there is no message.
-        last_ns: the earliest log time after the gap; None: there is no message.
-        file: name of the damaged file, or of the missing one.
+        first_ns: the latest log time before the gap; None: no message.
+        last_ns: the earliest log time after the gap; None: no message.
+        file: name of the damaged or missing file.
         place: the number of that file in `Bag.files`; of a missing one, of the file after it.
         recovered: whether `recover` has already left it out: its bytes are those of the original.
     """
@@ -70,7 +70,7 @@ def to_note(gaps: Iterable[Gap]) -> str:
 
 
 def from_note(text: str) -> list[Gap]:
-    """Return the gaps in a note of `recover`; none where the text is no such note."""
+    """Return the gaps in a note of `recover`; empty if the text is no such note."""
     try:
         told = json.loads(text) if len(text) <= METADATA.bytes else []
         return [_noted(*one) for one in told]

@@ -47,7 +47,7 @@ class OutputFile:
 
     @property
     def closed(self) -> bool:
-        """Whether `close` was called."""
+        """True if `close` was called."""
         return self._file.closed
 
     def check_usable(self) -> None:
@@ -69,7 +69,7 @@ class OutputFile:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
                 "recording ends there, unfinished: make room or choose another directory, and "
-                "finish what there is with sparse_coord recover"
+                "repair the bag with sparse_coord recover"
             )
             with contextlib.suppress(OSError):
                 self._file.truncate(begin)
@@ -147,7 +147,7 @@ def open_to_read(path: Path) -> BinaryIO:
 
 
 def being_recorded(path: Path) -> bool:
-    """Whether a recorder holds the file's lock; raises BagError."""
+    """True if a recorder holds the file's lock; raises BagError."""
     with open_to_read(path) as file:
         return not take_lock(file, exclusive=False)
 

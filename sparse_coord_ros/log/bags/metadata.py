@@ -111,8 +111,8 @@ def bag_information(
 ) -> dict[str, Any]:
     """Return rosbag2's description of a bag, keys in rosbag2's order.
 
-    Chunks are compressed inside the MCAP file, of which rosbag2 knows nothing: its compression
-    fields, meant for whole files or single messages, stay empty.
+    MCAP compresses chunks inside the file. rosbag2's compression fields are for whole files or
+    single messages, so they stay empty.
 
     Args:
         files: its files, one after the other.

@@ -16,12 +16,12 @@ from sparse_coord_ros.log.bags.reader import Bag, Message
 
 
 class Playlist:
-    """A bag's messages, one after the other by log time; of equal times as in the file.
+    """A bag's messages in the order of log time; messages of equal times in file order.
 
     Args:
         bag: an open bag.
-        topics: the topics to play; must hold messages.
-        kept: topics of which the last message stays true until the next, such as latched ones.
+        topics: the topics to play; they must hold messages.
+        kept: topics whose last message stays valid until the next, such as latched ones.
 
     Attributes:
         start_ns: log time of the first message.
@@ -29,7 +29,7 @@ class Playlist:
         step_count: number of time steps.
 
     Raises:
-        BagError: there is no message on these topics.
+        BagError: these topics hold no message.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Playlist:
         """Return the next message; there must be one (`next_ns`).
 
         Raises:
-            BagError: the bag is no longer what it was.
+            BagError: the bag has changed on disk.
         """
         message = self._find(self._next)
         self._next += 1

@@ -163,14 +163,14 @@ class BagProcess:
     def _fail(self, error: OSError | EOFError) -> NoReturn:
         """Raise BagError: the child hangs, or it is gone."""
         what = "has ended"
-        remedy = "'sparse_coord recover' finishes it"
+        remedy = "'sparse_coord recover' repairs it"
         so = "; the recording ends there, unfinished"
         if not self._begun:
             so = " before it had begun it; nothing is recorded"
             remedy = "see what it says above"
         if isinstance(error, BlockingIOError):
             what = f"has not moved for {PATIENCE_SECONDS:g} s"
-            remedy = "look at its disk"
+            remedy = "check its disk"
         self._refusal = (
             f"the writer process of the bag {self._directory} {what}{so}: {remedy}"
         )

@@ -87,12 +87,12 @@ class Bag:
 
     @property
     def finished(self) -> bool:
-        """Whether its recorder closed it."""
+        """True if its recorder closed it."""
         return all(file.finished for file in self.files)
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
-        """The gaps that are known so far, file by file.
+        """The gaps found so far, file by file.
 
         In a bag that is not checked, reading messages may find more.
         """
@@ -131,7 +131,7 @@ class Bag:
 
     @property
     def whole(self) -> bool:
-        """Whether every record of the data was read; the end of a file may be damaged."""
+        """True if every record of the data was read; the end of a file may be damaged."""
         return not self.missing and all(file.whole for file in self.files)
 
     @property
@@ -150,7 +150,7 @@ class Bag:
 
     @property
     def clock(self) -> str | None:
-        """The topic of the clock, whatever its name; None: there is none.
+        """The topic of the clock, whatever its name; None: the bag has no clock.
 
         Its type tells it. Of several, it is the one with the usual name, else the one with most
         messages.
@@ -213,7 +213,7 @@ class Bag:
 
     @property
     def compressions(self) -> tuple[str, ...]:
-        """How its chunks are compressed: some of `zstd`, `lz4` and `none`."""
+        """The compressions of its chunks: some of `zstd`, `lz4` and `none`."""
         return tuple(
             sorted({name for file in self.files for name in file.compressions})
         )
@@ -324,9 +324,9 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
         The bag; if it is damaged, as far as it can be read.
 
     Raises:
-        BagError: there is no such file, none in the directory or several that are not parts of
-            one bag, or a file does not begin as MCAP, holds other messages than those of ROS 2, or
-            is a run's in another format than this version's.
+        BagError: the file is missing, the directory holds no bag file or several that are not
+            parts of one bag, or a file does not begin as MCAP, holds messages that are not of
+            ROS 2, or is a run's in another format than this version's.
     """
     files = bag_files(Path(path))
     missing = list(_missing(files)) if Path(path).is_dir() else []
@@ -355,9 +355,9 @@ _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")
 def bag_files(path: Path) -> list[Path]:
     """Return the MCAP files of a bag's directory in order, or the file itself; raises BagError.
 
-    Several are one bag where their names differ in their numbers only. Where a finished and an
-    unfinished file of one name lie beside each other, it is the finished one. In a directory
-    without any, they are those of the directory `bag` there, as `run` leaves it.
+    Several files are one bag if their names differ in their numbers only. If a finished and an
+    unfinished file of one name exist, the finished one counts. If the directory holds no bag
+    file, its subdirectory `bag` is searched, where `run` writes.
     """
     if not path.is_dir():
         return [path]

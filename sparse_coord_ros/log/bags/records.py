@@ -96,7 +96,7 @@ class Source:
         close: closes it; it is also closed when it is deleted.
 
     Raises:
-        BagError: there is no such file, or it does not begin as MCAP.
+        BagError: the file is missing, or does not begin as MCAP.
     """
 
     def __init__(self, path: Path) -> None:
@@ -106,7 +106,7 @@ class Source:
         with retold(BagError, Damage, f"cannot read {path}"):
             begin = self.read(0, min(self.size, len(MAGIC)))
         if begin != MAGIC:
-            raise BagError(f"{path} is not an MCAP file: it does not begin like one")
+            raise BagError(f"{path} is not an MCAP file: it does not start as one")
 
     @property
     def size(self) -> int:
@@ -159,7 +159,7 @@ class Source:
                 place = os.lseek(self._descriptor, place, os.SEEK_DATA)
             except OSError:
                 return
-            with suppress(Damage):  # what cannot be read is passed over
+            with suppress(Damage):  # unreadable records are skipped
                 data = self.read(place, min(_WINDOW + HEAD.size - 1, end - place))
                 yield from (place + match.start() for match in _BEGIN.finditer(data))
             place += _WINDOW
@@ -209,7 +209,7 @@ def parse(kind: Any, body: bytes, offset: int) -> Any:
 def check_crc(
     expected: int, found: int, offset: int, what: str, *, required: bool
 ) -> None:
-    """Raise Damage if a stored checksum does not hold; 0: there is none, unless required."""
+    """Raise Damage if a stored checksum does not hold; 0 means no checksum, unless required."""
     if expected != found and (expected or required):
         raise Damage(
             offset, f"the checksum of {what} is {found:#010x}, not {expected:#010x}"

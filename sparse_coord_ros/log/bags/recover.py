@@ -92,7 +92,7 @@ def continued(directory: Path) -> Bag | None:
     """Recover a bag that a recorder is to continue, and return it.
 
     Returns:
-        None where there is no bag, or an empty one, which is moved aside.
+        None if there is no bag, or only an empty one, which is moved aside.
 
     Raises:
         BagError: it is being recorded, or cannot be read or recovered.
@@ -179,11 +179,11 @@ def _describe(bag: Bag, metadata: Path) -> bool:
 
 @contextlib.contextmanager
 def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
-    """Write all that can be read of a bag's file into a directory, checked, removed at the end.
+    """Write the readable part of a bag's file to a temporary directory, and check it.
 
     Args:
         bag: one file.
-        gaps: what cannot be read of it.
+        gaps: its unreadable parts.
         directory: a new one.
     """
     shutil.rmtree(directory, ignore_errors=True)

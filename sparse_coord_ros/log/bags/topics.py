@@ -85,7 +85,7 @@ def _profile(entry: dict[str, Any]) -> QoS:
 
 
 def latched(profiles: Sequence[QoS]) -> bool:
-    """Whether a late subscriber gets the last message."""
+    """True if a late subscriber gets the last message."""
     return any(qos.durability == "transient_local" for qos in profiles)
 
 
@@ -118,12 +118,12 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
         offset: where in the file they are, for the error.
 
     Raises:
-        BagError: the messages are none of ROS 2.
-        Damage: the records make no sense.
+        BagError: the messages are not of ROS 2.
+        Damage: the records contradict each other.
     """
     if channel.message_encoding != "cdr":
         what = f"topic {channel.topic!r} is encoded as {channel.message_encoding!r}, not cdr"
-        raise BagError(f"this MCAP file is no ROS 2 bag: {what}")
+        raise BagError(f"this MCAP file is not a ROS 2 bag: {what}")
     schema = schemas.get(channel.schema_id)
     if schema is None:
         raise Damage(offset, f"topic {channel.topic!r} has no type")

@@ -62,7 +62,7 @@ class BagWriter:
         max_bytes: begin another file after so many; 0: never.
         max_ns: the same, after so much log time.
         earlier: the bag in that directory that is to be continued (`recover.continued`).
-        why: what the first new file then says, see `begin_file`.
+        why: the reason that the first new file states, see `begin_file`.
 
     Raises:
         BagError: directory or file cannot be made.
@@ -157,7 +157,7 @@ class BagWriter:
             topic: full topic name, with a leading slash.
             type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events: the
                 bag calls these as of `stored_name`.
-            qos: what the topic's publisher offers.
+            qos: the profile that the topic's publisher offers.
 
         Raises:
             BagError: the type's definition is not installed, or the bag is closed or broken.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a robot's actions, tables and coordination maps are those of an agent."""
+"""Check of a robot's logged actions, tables and coordination maps against a computed agent."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -60,7 +60,7 @@ def _of_tables(entry: tuple[str, str, str]) -> tuple[str, str, str]:
 
 
 class Published(NamedTuple):
-    """Tables or a coordination map in the log: what a robot had learned before a time step.
+    """Tables or a coordination map in the log, learned before a time step.
 
     Attributes:
         step: the time step.
@@ -169,7 +169,7 @@ class AgentCheck:
         return None
 
     def _actions(self) -> int:
-        """Return how many actions the interval has."""
+        """Return the number of actions in the interval."""
         steps = self.trajectory.step
         if self.interval.last is None:
             return len(steps)
@@ -184,7 +184,7 @@ class AgentCheck:
         return told & (not self.log.run.greedy)
 
     def _false_claim(self) -> int | None:
-        """Return the first action whose number `learned` is impossible; None: there is none."""
+        """Return the first action whose number `learned` is impossible, or None."""
         logged = self.log.has_learned[self.trajectory.row, self.k]
         no = (logged == 0.0) & ~np.signbit(logged)
         yes = (logged == 1.0) & self._could_learn()
@@ -192,7 +192,7 @@ class AgentCheck:
         return int(false[0]) if len(false) else None
 
     def _claim_of_learning(self, place: int) -> Difference:
-        """Return that an action's number `learned` is impossible."""
+        """Return the difference for an impossible number `learned` of an action."""
         logged = self.log.has_learned[self.trajectory.row[place], self.k]
         allowed = "0 or 1" if self._could_learn()[place] else NOTHING_TO_LEARN
         words = wire.ACTION.name, f"learned={logged:g}", allowed
@@ -200,7 +200,7 @@ class AgentCheck:
         return self.log.messages.difference(step, self.k, *words)
 
     def _other_action(self, place: int, computed: Action) -> Difference:
-        """Return that an action is not the agent's."""
+        """Return the difference for an action that the agent does not choose."""
         logged = self.log.numbers[self.trajectory.row[place], self.k]
         words = different_numbers(logged, action_numbers(computed))
         step = int(self.trajectory.step[place])
@@ -247,7 +247,7 @@ class AgentCheck:
     def _compare_map(
         self, logged: bytes | None, q_star: np.ndarray
     ) -> tuple[str, str, str] | None:
-        """Return where a coordination map has other cells than those where the agent asks."""
+        """Return a coordination map's difference from the agent's cells of asking, or None."""
         due = self._grids.coordination(q_star)
         if logged == due:
             return None

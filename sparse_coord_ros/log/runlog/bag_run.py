@@ -24,7 +24,7 @@ class BagRun(NamedTuple):
     Attributes:
         run: the run.
         prefix: the beginning of the names of its topics.
-        text: the text on the topic `run`; None: there is no message.
+        text: the text on the topic `run`; None: no message.
     """
 
     run: RunConfig

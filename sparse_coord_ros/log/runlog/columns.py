@@ -178,8 +178,8 @@ class Columns:
     def _check_times(self, part: Part, topics: np.ndarray) -> None:
         """Check the log times of a part's messages.
 
-        A message that begins with a stamp is logged at its stamp. Any other message, and one
-        whose stamp is no time of the run, is logged at the newest stamp before.
+        A message that begins with a stamp is logged at its stamp. Any other message, or one with
+        a stamp outside of the run, is logged at the newest stamp before.
 
         Args:
             part: the part.
@@ -209,7 +209,7 @@ class Columns:
             )
 
     def _stamps(self, part: Part, stamped: np.ndarray) -> np.ndarray:
-        """Return the stamps of messages in nanoseconds; log times where there is none."""
+        """Return the stamps of messages in nanoseconds; log times of messages without stamps."""
         stamps = part.heads["log_ns"].astype(np.int64)
         sizes = part.heads["length"].astype(np.int64) - MESSAGE.size
         readable = stamped & (sizes >= _STAMP.itemsize)  # `_rows` names the others

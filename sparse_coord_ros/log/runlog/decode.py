@@ -40,6 +40,6 @@ class Decoder:
                 raise ValueError(f"its encoding is {data[:2].hex(' ')}, no plain CDR")
             decode: Any = self._factory.decoder_for("cdr", schema)
             return decode(data)
-        except Exception as error:  # of a changed file the library raises what comes up
+        except Exception as error:  # the library may raise any
             why = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise ValueError(f"cannot be decoded as {schema.name} ({why})") from error

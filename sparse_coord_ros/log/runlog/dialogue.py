@@ -192,7 +192,7 @@ class _Dialogue:
 
     Attributes:
         requests: by (time step, asker, peer, number of the request).
-        problems: what is wrong with the events.
+        problems: the errors in the events.
     """
 
     def __init__(self, names: Sequence[str], period: int) -> None:

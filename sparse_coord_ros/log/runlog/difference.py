@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `verify` finds: where a log differs from the computation, and where it cannot tell."""
+"""Findings of `verify`: differences between log and computation, and undecided parts."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -37,7 +37,7 @@ QUANTITIES = (
 
 
 class Difference(NamedTuple):
-    """One quantity of which the log holds another value than the computation.
+    """A quantity that differs between the log and the computation.
 
     Attributes:
         step: the time step; None: the quantity belongs to the whole run.
@@ -62,7 +62,7 @@ class Difference(NamedTuple):
 
     @property
     def missing(self) -> bool:
-        """Whether a message that is not in the log explains the difference."""
+        """True if a message that is not in the log explains the difference."""
         not_there = self.logged.endswith((MISSING, NO_REQUEST))
         return not_there or self.computed == NOTHING_TO_LEARN
 

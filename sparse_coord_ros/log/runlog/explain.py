@@ -116,7 +116,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         replay = None
         why = doubt
         if part.lost:
-            why = "its values and its update are unknown, as a part of the log is lost"
+            why = "its values and its update are unknown: a part of the log is lost"
         elif begun is not None:
             replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
         for step in mine:
@@ -350,15 +350,15 @@ def _answer(log: RunLog, one: Coordination, request: Request) -> str:
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
     update = one.update
     if update is None:
-        yield "  learns nothing from it: no reward came in time, or its next action is unknown"
+        yield "  does not learn from it: the reward was late, or the next action is unknown"
         return
     yield f"  {reward_in_words(log.run, update.reward, update.next_cell)}"
     if log.run.greedy:
-        yield "  learns nothing: the run is greedy"
+        yield "  does not learn: the run is greedy"
         return
     for table, changed in (("Q^C", update.coord), ("Q*", update.star)):
         if changed is None:
-            yield "  Q^C stays as it is: nothing was perceived"
+            yield "  Q^C stays unchanged: the question failed"
             continue
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"

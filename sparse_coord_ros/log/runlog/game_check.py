@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the world's messages are those of a world that makes the logged actions.
+"""Check of the world's messages against a world that makes the logged actions.
 
 `World` makes each step again from the seed and the logged actions. Robots' bodies cannot be
 computed: where robots have them, the logged states are taken, and everything that follows from
@@ -53,7 +53,7 @@ class WorldCheck:
         starts: the first time steps of the episodes.
         went_on: whether the time step before was a transition.
         reasons: the possible reasons why the episode began.
-        first: the first difference in states, rewards, clock or status; None: there is none.
+        first: the first difference in states, rewards, clock or status, or None.
         lost_copies: copies of map, markers and coordination maps that may be lost, by topic,
             after `check`.
     """
@@ -156,7 +156,7 @@ class WorldCheck:
             self.starts.append(step)
 
     def _missing_transition(self, step: int) -> Difference:
-        """Return that the world went on, though the log holds no reward of a time step."""
+        """Return the difference for a time step without rewards that the world has passed."""
         for k in self.robots:
             if step in self.acted[k]:
                 due = "one: it acted and the world went on"
@@ -443,10 +443,10 @@ def _bytes_of_robots(numbers: np.ndarray) -> list[list[bytes]]:
 def _take_right(
     logged: np.ndarray, due: np.ndarray, others: Sequence[np.ndarray]
 ) -> bool:
-    """Put the computed numbers into the log if another message of the time step holds them.
+    """Replace the logged numbers by those of another message if these equal the computed ones.
 
     Returns:
-        Whether one does.
+        True if a message does.
     """
     if any(other[1].tobytes() == due.tobytes() for other in others):
         logged[:] = due

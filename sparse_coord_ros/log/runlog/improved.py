@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether robots' plans follow from their tables (`core.engine.improve`)."""
+"""Check that robots' plans follow from their tables (`core.engine.improve`)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

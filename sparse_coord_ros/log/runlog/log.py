@@ -52,7 +52,7 @@ class RunLog:
         position: the same in metres (x east, y north), shape (T, K, 2).
         action: A_k(t), 0 to 3 a move, 4 COORDINATE, shape (T, K), int8.
         move: the primitive action that it became, shape (T, K), int8.
-        peer: the robot that was asked, from 0; NOBODY (-1) for none or several, shape (T, K).
+        peer: the asked robot, from 0; NOBODY (-1) for no robot or several, shape (T, K).
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
         rewards: individual, common, ask_cost, total, and the partners of an interaction, as
@@ -91,7 +91,7 @@ class RunLog:
         self._note_malformed_actions()
 
     def _recorded_steps(self) -> np.ndarray:
-        """Return the time steps of which any robot has a message, ascending."""
+        """Return the time steps with a message of any robot, ascending."""
         of_robots = [self.messages.of_robot(k) for k in range(len(self.names))]
         return np.unique(
             np.concatenate([one.step for series in of_robots for one in series])
@@ -119,7 +119,7 @@ class RunLog:
         return found
 
     def _asked_peers(self) -> np.ndarray:
-        """Return the robots that were asked, NOBODY for none or several."""
+        """Return the asked robots; NOBODY for no robot or several."""
         logged = self._number("peer")
         found = np.full(self.cells.shape, NOBODY, dtype=np.int16)
         known = (self.move != NONE) & (logged >= 0) & (logged <= len(self.names))
@@ -143,7 +143,7 @@ class RunLog:
         return found
 
     def _note_malformed_actions(self) -> None:
-        """Note the actions whose numbers are none of an action."""
+        """Note the messages whose numbers are not a valid action."""
         logged = ~np.isnan(self.numbers[..., 0])
         for row, k in np.argwhere(logged & (self.move == NONE)).tolist():
             try:
@@ -201,7 +201,7 @@ class RunLog:
             return ""
         if self.messages.ended:
             return "the log breaks off"
-        return "the log breaks off, the world does not say how the run ended"
+        return "the log breaks off, the world does not show how the run ended"
 
     @property
     def problems(self) -> tuple[Difference, ...]:
@@ -267,7 +267,7 @@ class RunLog:
             RunError: pandas is not installed.
         """
         count, robots = self.cells.shape
-        # Where there is no cell or action, index -1 finds what was put at the end.
+        # A missing cell or action has index -1, which finds the padding at the end.
         grid = np.array([*self.run.scenario.map.cells, (NONE, NONE)])[self.cells]
         called = np.array([*ACTIONS, None], dtype=object)
         columns = {
@@ -327,7 +327,7 @@ class RunLog:
         return History(
             first_step=self.step[first],
             length=total(made.astype(np.int64)),
-            reward=total(np.where(rewarded, self.reward[..., -1], 0.0)),
+            returns=total(np.where(rewarded, self.reward[..., -1], 0.0)),
             miscoordinations=total(conflicts.astype(np.int64)),
             asks=total((self.asked & rewarded).astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,

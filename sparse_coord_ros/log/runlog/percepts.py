@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether percepts are those of the perception model's draws and of the dialogue."""
+"""Check of percepts against the perception model's draws and the dialogue."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple

@@ -95,7 +95,7 @@ class Relearned:
         return [one for one in found if one is not None]
 
     def tables(self, step: int, still: Callable[[], bool] = lambda: True) -> TablesThen:
-        """Return by robot the time step up to which it had learned, and its tables then.
+        """Return, by robot, its tables and the time step up to which it had learned them.
 
         The time step is `step`. Where a part of the log is lost or incomplete, or the learner's
         code may not be imported, it is that of the newest recorded tables. A robot without any is
@@ -211,7 +211,7 @@ class Relearned:
         return None
 
     def _begin(self, saved: Sequence[RecordedTables]) -> _Part | None:
-        """Begin a part; None where some of it is lost."""
+        """Begin a part; None if some of it is lost."""
         first = saved[0].step
         wait = self._log.run.scenario.max_steps + EPISODE_GAP
         # The state before the first one says whether an episode begins there.

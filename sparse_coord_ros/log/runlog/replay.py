@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Replays a log: intervals between gaps, a robot's trajectory in one, and its agent.
 
-What robots learned in a gap is unknown. The computation goes on at the next time step of which
-the log holds all robots' tables with their counts of updates: these are taken as they are
+Learning in a gap is unknown. The computation continues at the next time step for which the log
+holds all robots' tables with their counts of updates: these are taken as they are
 recorded. The world's position then follows from states and status. Random draws belong to time
 steps.
 """
@@ -99,7 +99,7 @@ def intervals(log: RunLog) -> list[Interval]:
         if open_interval.first <= last:
             found.append(open_interval._replace(last=last))
             begin = last + 1
-        else:  # nothing is left between this gap and the one before it
+        else:  # no interval lies between this gap and the one before it
             begin = found.pop().first if found else 0
         after = None if gap.last is None else _after(log, gap.last + MARGIN)
         if after is None:
@@ -110,7 +110,7 @@ def intervals(log: RunLog) -> list[Interval]:
 
 
 def _after(log: RunLog, step: int) -> Interval | None:
-    """Return the interval from the next checkpoint after a time step on; None: there is none."""
+    """Return the interval from the next checkpoint after a time step, or None."""
     tables = {(one.robot, one.step): one for one in log.all_tables}
     for at in sorted({at for _, at in tables if at > step}):
         recorded = [tables[k, at] for k in range(len(log.names)) if (k, at) in tables]

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag's messages sorted by topic and time step; what is wrong with them is noted."""
+"""A bag's messages sorted by topic and time step, with notes on errors in them."""
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
@@ -97,8 +97,8 @@ class RunMessages:
         tables: the attached tables.
         stalls: pauses in which the recorder did not run.
         rollbacks: returns of the team to a checkpoint; superseded messages are left out.
-        gaps: the time steps that are not in the log, but for its end; in no order.
-        problems: what is wrong with messages and attachments.
+        gaps: the time steps that the log lacks before its end; unordered.
+        problems: the errors in messages and attachments.
         foreign: messages that are not the run's, or come twice in two ways: they may be a
             stranger's.
     """
@@ -183,22 +183,22 @@ class RunMessages:
 
     @property
     def incomplete(self) -> bool:
-        """Whether a part of the run may not be in the log."""
+        """True if a part of the run may not be in the log."""
         return self.lossy or not self.ended
 
     @property
     def lossy(self) -> bool:
-        """Whether a part of the bag may be lost, or was not recorded."""
+        """True if a part of the bag may be lost, or was not recorded."""
         return self._cut or bool(self.bag.gaps or self.gaps or self.stalls)
 
     @property
     def broken_off(self) -> bool:
-        """Whether the end of the run is not in the bag."""
+        """True if the end of the run is not in the bag."""
         return self._cut or not self.ended
 
     @property
     def _cut(self) -> bool:
-        """Whether the end of the bag is lost."""
+        """True if the end of the bag is lost."""
         bag = self.bag
         if not bag.finished or bag.recovered is not None:
             return True
@@ -307,7 +307,7 @@ class RunMessages:
         return steps[right], rows[right]
 
     def _series_of_robots(self, topic: wire.Topic) -> list[Series]:
-        """Return the messages of a topic of which each robot has one a time step."""
+        """Return the messages of a topic with one message a robot and time step."""
         return [self._series(topic, k) for k in range(len(self.names))]
 
     def _series(self, topic: wire.Topic, k: int | None = None) -> Series:
@@ -348,10 +348,10 @@ class RunMessages:
         return Series(found, rows[counted], np.array(repeats, dtype=np.int64), others)
 
     def _leave_out_foreign_steps(self) -> None:
-        """Leave out messages of steps that are none of the run's.
+        """Leave out messages of steps that do not belong to the run.
 
-        Steps begin with 1 and go on. A step of which only one topic has a message may be a
-        stranger's. Where a part of the log is lost, and at its end, messages may be missing.
+        Steps are numbered from 1. A step with messages of only one topic may be a stranger's. Near
+        a lost part and at the end of the log, messages may be missing.
         """
         heard = [self.clock, *self.states]
         if self.lossy or not all(len(series.step) for series in heard):
@@ -436,7 +436,7 @@ class RunMessages:
         return bool(status.run and self.run.id and status.run != self.run.id)
 
     def _checked(self, statuses: Sequence[RunStatus]) -> Iterator[RunStatus]:
-        """Yield the statuses that are in order, and note what is wrong with them."""
+        """Yield the valid statuses, and note errors in the others."""
         steps = np.array([one.step for one in statuses], dtype=np.int64)
         over = False
         for status, ordered in zip(statuses, in_order(steps).tolist(), strict=True):
@@ -481,8 +481,8 @@ class RunMessages:
 
         Args:
             events: of each asked robot.
-            back: the roll-back before; None: there is none.
-            later: the roll-backs after: what they supersede is left out.
+            back: the roll-back before, or None.
+            later: the roll-backs after; events that they supersede are left out.
         """
         newest = max(
             series.step.max(initial=0) for series in (self.clock, *self.states)
@@ -547,7 +547,7 @@ def asked_before(request: Request, back: timeline.Rollback | None) -> bool:
 
 
 def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:
-    """Return which time steps make up a longest sequence that never falls, bool.
+    """Return a mask of the time steps in a longest sequence that never falls, bool.
 
     Args:
         steps: in the order of the log, shape (n,).

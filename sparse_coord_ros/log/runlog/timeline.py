@@ -57,7 +57,7 @@ class Jump(NamedTuple):
     Attributes:
         topic: the topic's name.
         before, after: log times of the messages before and after the jump.
-        difference: how `verify` reports the jump in a bag of which nothing is lost.
+        difference: the report of `verify` on the jump in a bag without losses.
     """
 
     topic: str
@@ -154,7 +154,7 @@ def _without_late(rows: np.ndarray) -> np.ndarray:
 
 
 def superseded(place: int, step: int, backs: Sequence[Rollback]) -> bool:
-    """Return whether a roll-back supersedes what a file (by its place) holds of a time step."""
+    """Return whether a roll-back supersedes a file's (by its place) messages of a time step."""
     for back in backs:
         if place < back.file and step >= back.first:
             return True

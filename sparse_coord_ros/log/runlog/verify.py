@@ -58,8 +58,8 @@ class Verification:
         differences: in the order of time; of each robot's agent and of the world only the first
             one, as all later ones follow from it.
         unknown: the parts that cannot be verified, in the order of time.
-        notes: what an honest run may have, by its name, with its number: foreign messages, lost
-            copies of a topic, robots' steps without their action. It changes no answer.
+        notes: counts, by name, of irregularities that an honest run may have: foreign messages,
+            lost copies of a topic, robots' steps without their action. They change no answer.
         steps: transitions of the world that were computed again and agree.
         choices: actions that were computed again and agree.
         updates: updates of tables that were computed again.
@@ -77,12 +77,12 @@ class Verification:
 
     @property
     def same(self) -> bool:
-        """Whether the run is identical."""
+        """True if the run is identical."""
         return not self.differences and not self.unknown
 
     @property
     def cannot_tell(self) -> bool:
-        """Whether nothing differs, but a part is unknown."""
+        """True if nothing differs, but a part is unknown."""
         return not self.differences and bool(self.unknown)
 
     @property
@@ -166,7 +166,7 @@ class _Comparison:
             self.unknown.append(Unknown(0, None, why))
 
     def _add_problem_of_run(self, problem: Difference) -> None:
-        """Add a problem that belongs to no time step; a lost part may hold what is missing."""
+        """Add a problem without a time step; a lost part of the log may explain it."""
         if problem.logged == MISSING and self.log.messages.incomplete:
             why = f"the {problem.quantity} is not in the log"
             self.unknown.append(Unknown(0, None, why))
@@ -257,7 +257,7 @@ def _why_lost(log: RunLog, interval: Interval) -> str:
 
 
 def _may_follow(difference: Difference, since: Unknown) -> bool:
-    """Return whether a difference may follow from what is unknown since a time step.
+    """Return whether lost messages since a time step may explain a difference.
 
     A robot that came back publishes the tables of its checkpoint again.
     """
@@ -267,7 +267,7 @@ def _may_follow(difference: Difference, since: Unknown) -> bool:
 
 
 def _unknown_since(log: RunLog, differences: Sequence[Difference]) -> Unknown | None:
-    """Return from which time step on differences may follow from what the log does not hold.
+    """Return the first time step from which lost messages may explain differences.
 
     The earliest cause is enough: `verify` does not search for the one that is at fault.
     """
@@ -288,9 +288,9 @@ def _stalled(log: RunLog, differences: Sequence[Difference]) -> Iterator[Unknown
 
 
 def _came_back(log: RunLog) -> Iterator[Unknown]:
-    """Yield the robots that came back, and the world if it did, without the team going back.
+    """Yield the nodes that came back without a roll-back of the team: robots, or the world.
 
-    The log does not hold with what they went on.
+    The log does not hold the state from which they continued.
     """
     without_rollback: dict[str, int] = {}
     for step, status in _decoded(log, wire.STATUS, read_status):

@@ -78,7 +78,7 @@ class Episodes(NamedTuple):
 
 
 class LongLog:
-    """A bag of any length, of which parts are read.
+    """A bag of any length, read in parts.
 
     Superseded messages are left out. So are gaps: `losses` names those that reading has reached.
 
@@ -210,7 +210,7 @@ class LongLog:
 
     @property
     def empty(self) -> bool:
-        """Whether there is no time step."""
+        """True if it holds no time step."""
         return not any(place.end_ns for place in self.blocks)
 
     def begin(self) -> RunLog:

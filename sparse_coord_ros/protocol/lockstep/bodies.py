@@ -25,7 +25,7 @@ BEGIN = 1.0
 
 
 class HaltWord(IntEnum):
-    """What a world last said to all drivers about halting: nothing so far, halt, or go on."""
+    """The world's last message to all drivers about halting: none so far, halt, or continue."""
 
     NOTHING = 0
     HALT = 1
@@ -33,11 +33,11 @@ class HaltWord(IntEnum):
 
 
 class BodyGoal(NamedTuple):
-    """Where one body is to go.
+    """The goal of one body.
 
     Attributes:
-        robot: whose body, from 0.
-        start: the cell in which the game has it.
+        robot: the robot, from 0.
+        start: its cell in the game.
         end: the cell that it is to be in.
     """
 
@@ -47,7 +47,7 @@ class BodyGoal(NamedTuple):
 
 
 class Goals(NamedTuple):
-    """What bodies are told at once.
+    """The goals that bodies receive at once.
 
     Attributes:
         number: counts from 1; reports on older goals are ignored.
@@ -72,11 +72,11 @@ NO_GOALS = Goals(0, 0, False, BEGIN, ())
 
 
 class Reached(NamedTuple):
-    """How one body's goal ended.
+    """The end of one body's goal.
 
     Attributes:
-        robot: whose body, from 0.
-        number: that of the goals.
+        robot: the robot, from 0.
+        number: the number of the goals.
         cell: the free cell that the body is in; `NO_CELL` where it is in none.
         there: whether it came where it was to go.
         seconds: how long it took, by the clock of its poses.
@@ -153,7 +153,7 @@ class BodiesSide:
 
     Attributes:
         placing: whether bodies are waited for at the cells in which the episode begins or goes on.
-        failed: moves that did not get there.
+        failed: moves that failed.
         lost: of these, moves after which the body was in no cell, or its pose was not known.
         seconds: how long the steps took, in all, by the clock of the poses.
     """
@@ -207,7 +207,7 @@ class BodiesSide:
         return not self._under_way
 
     def reached(self, said: Reached) -> bool:
-        """Take in where a body is; return whether the world may go on."""
+        """Take in a body's cell; return whether the world may continue."""
         goal = self._under_way.get(said.robot)
         if goal is None or said.number != self._number:
             return False

@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The checkpoints of one node of a team on its disk, and what they hold.
+"""The checkpoints of one node of a team on its disk.
 
 World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
-directory `checkpoint` of the output directory. A team goes on from the newest step of which
-everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
+directory `checkpoint` of the output directory. A team continues from the newest step for which
+all nodes have a file: the last common checkpoint. Step 0 is the run's beginning, without a file.
 A file says within its digest how it is called (`name`): under another name it is no checkpoint.
-What a node counts of the run's faults is never taken back: `<node>_events.npz` has it.
+A node's counts of the run's faults are never taken back: they are in `<node>_events.npz`.
 """
 
 from collections.abc import Mapping
@@ -161,7 +161,7 @@ class Checkpoints(CheckpointStore):
         """Return a saved `WorldState` or `RobotState`; None: the beginning of the run.
 
         Raises:
-            RunError: there is no such checkpoint, it is broken or of another run.
+            RunError: the checkpoint is missing, broken or of another run.
         """
         if step == BEGINNING:
             return None
@@ -207,7 +207,7 @@ class Checkpoints(CheckpointStore):
         return kind(**fields)
 
     def _prune(self) -> None:
-        """Remove what is older than the newest files, and than those that all nodes here have."""
+        """Remove old files: older than the newest ones, and than those of all nodes here."""
         mine = steps_of(self._folder, self._node)
         others = (set(steps_of(self._folder, name)) for name in (WORLD, *self._names))
         common = sorted(set(mine).intersection(*others), reverse=True)
@@ -253,10 +253,10 @@ def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
 
 
 def check_robots(out: Path, scenario: Scenario) -> None:
-    """Refuse to go on with robots of ours in the place of others.
+    """Refuse to continue with this package's robots in place of other robots.
 
     Raises:
-        RunError: a robot is one of one's own, or has its files elsewhere.
+        RunError: a robot is the user's own, or has its files elsewhere.
     """
     away = robots_elsewhere(out, scenario)
     if away:

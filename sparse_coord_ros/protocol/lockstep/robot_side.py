@@ -3,8 +3,8 @@
 """One robot's side of the lock step, as a state machine without ROS.
 
 Messages come in by `state`, `reward` and `answer`, in any order between topics, each perhaps
-twice; what the robot does goes out through `RobotPort`. The result depends on what the messages
-say, never on when they come.
+twice. The robot acts through `RobotPort`. The result depends on the messages' content, never on
+their times.
 """
 
 from collections import deque
@@ -28,7 +28,7 @@ ASKS = COUNTS[:4]
 
 
 class RobotPort(Protocol):
-    """What a robot can do to the outside."""
+    """The actions of a robot on its surroundings."""
 
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state of a time step; `cell` is the asker's own."""
@@ -37,7 +37,7 @@ class RobotPort(Protocol):
         """Publish the action that answers the local state of a time step."""
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
-        """Publish what came of COORDINATE: the peers' cells, or None for a failed percept."""
+        """Publish the result of COORDINATE: the peers' cells, or None for a failed percept."""
 
     def episode(self, step: int) -> None:
         """An episode begins for this robot at a time step, before it acts in it."""
@@ -59,7 +59,7 @@ class Answer(NamedTuple):
 
 
 class RobotState(NamedTuple):
-    """All that a robot needs to go on from a time step with the same bits.
+    """The state of a robot from which it continues with the same bits.
 
     Attributes:
         step: the time step; all is learned that happened before it, and no more.
@@ -68,7 +68,7 @@ class RobotState(NamedTuple):
         episode_start: the time step at which the episode began.
         learned_last: whether its next action says that it has learned from the one before.
         counts: `RobotSide.asks`, `learned` and `dropped`, in this order.
-        memory: what its agent has learned.
+        memory: its agent's memory.
     """
 
     step: int
@@ -86,7 +86,7 @@ class RobotSide:
     Args:
         run: the run.
         agent: the agent; its number is the robot's place in the scenario.
-        port: what the robot can do.
+        port: the robot's actions on its surroundings.
 
     Attributes:
         newest: the last local state received, as (step, cell); step 0 before the first.
@@ -119,9 +119,9 @@ class RobotSide:
 
     @property
     def waiting(self) -> tuple[str, int] | None:
-        """What the robot waits for from outside the world's rhythm, and of which time step.
+        """The message with a deadline that the robot waits for, and its time step.
 
-        "percept" or "reward". A deadline runs on it; when it passes, call `expire`.
+        "percept" or "reward". When its deadline passes, call `expire`.
         """
         if self._asked is not None:
             return ("percept", self._handled)
@@ -202,7 +202,7 @@ class RobotSide:
         Args:
             asker: the asking agent's number.
             step: the time step of the request; 0 from a person, who gets the newest state.
-            asker_cell: where the asker is; None where that is no free cell.
+            asker_cell: the cell of the asker; None if its position is no free cell.
         """
         own_step, own_cell = self.newest
         if step == NO_STEP:
@@ -217,7 +217,7 @@ class RobotSide:
 
         An agent learns only when it works off a state, so this may be asked for at any time.
         """
-        # What it has chosen at this step, it will choose again.
+        # It will choose the same action at this step again.
         chosen = self._asked is not None or self._choice is not None
         asks = self._asks_before if chosen else self.asks.values()
         told = self._learned_last if self._choice is None else self._self_report.learned

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rollback of a team to its last common checkpoint, as state machines without ROS.
 
-Every robot says which checkpoints it has. The world chooses the newest that all have, itself
-included, goes back to it and orders everybody to do so. It goes on when all have obeyed, or when a
+Every robot announces its checkpoints. The world chooses the newest that all have, itself
+included, goes back to it and orders all robots back. It continues when all have obeyed, or when a
 deadline has passed. An order stands until all have obeyed: a robot that was deaf obeys when it
 hears again, and joins the team where it then is.
 """
@@ -30,10 +30,10 @@ class WorldRollback:
 
     Attributes:
         order: the order that stands.
-        events: what happened to the run and is never taken back: `replaced_robots`, which began
-            anew, `returned_robots`, which came back with what they had learned, and how often all
+        events: counts that are never taken back: `replaced_robots`, which began anew,
+            `returned_robots`, which came back with their tables, and how often all
             were `taken_back`.
-        said: what each robot said last; None: nothing yet.
+        said: each robot's last message; None: no message yet.
         waiting: the robots that have yet to obey.
     """
 
@@ -46,7 +46,7 @@ class WorldRollback:
         self.waiting: set[int] = set()
 
     def heard(self, robot: int, said: Progress) -> bool:
-        """Take in what a robot says; return whether it is a new process in an old one's place."""
+        """Take in a robot's message; return whether a new process has replaced the old one."""
         before = self.said[robot]
         self.said[robot] = said
         new = before is not None and before.life != said.life
@@ -62,15 +62,15 @@ class WorldRollback:
         return new
 
     def go_back(self, *, together: bool = True) -> bool:
-        """Go back to a checkpoint and let an order stand; then tell everybody.
+        """Go back to a checkpoint, and order the team to do so.
 
         Args:
-            together: everybody to the newest one that all have. Else the world alone to its own
+            together: all nodes to the newest one that all have. Else the world alone to its own
                 newest: the robots stay as they are and say where that is, and a new episode begins
                 after all that any of them has seen: `WorldSide.begin_at`.
 
         Returns:
-            Whether there is such a checkpoint.
+            True if there is such a checkpoint.
 
         Raises:
             RunError: the world's checkpoint is of another run.
@@ -134,7 +134,7 @@ class RobotRollback:
         self._obeyed = NO_ORDER
 
     def begin(self) -> int:
-        """Go on from the newest checkpoint of one's own; return its step, 0 without any.
+        """Continue from the robot's own newest checkpoint; return its step, or 0 without one.
 
         Raises:
             RunError: it is of another run.
@@ -145,10 +145,10 @@ class RobotRollback:
         return step
 
     def obey(self, order: Order) -> bool:
-        """Go back as the world orders; return whether to listen anew, and then say `_progress`.
+        """Go back as the world orders; return whether to subscribe anew, then publish `_progress`.
 
-        What is under way from the time that is taken back must not be taken for new: of steps
-        with the same numbers no robot can tell.
+        Messages in flight from before the roll-back must not count as new: their steps have the
+        same numbers.
 
         Args:
             order: the order.

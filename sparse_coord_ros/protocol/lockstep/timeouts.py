@@ -20,7 +20,7 @@ REPEAT_SECONDS = 0.5
 
 
 class Silence:
-    """How long the world has waited for its robots.
+    """The time that the world has waited for its robots.
 
     Args:
         now: the time.
@@ -45,11 +45,11 @@ class Silence:
         self._ticked = now
 
     def lasts(self, now: float) -> float:
-        """Return for how many seconds the robots have been silent."""
+        """Return the seconds since the world last heard its robots."""
         return now - self.since
 
     def stands(self, now: float) -> float:
-        """Return for how many seconds the world has made no time step."""
+        """Return the seconds since the world's last time step."""
         return now - self._stands_since
 
     def repeats(self, now: float) -> bool:
@@ -61,7 +61,7 @@ class Silence:
 
 
 class Reminder:
-    """When to say what is waited for: every `REMIND_SECONDS`, while the waiting lasts."""
+    """Times of reminders while a node waits: every `REMIND_SECONDS`."""
 
     def __init__(self) -> None:
         self._since: float | None = None
@@ -82,7 +82,7 @@ class Reminder:
 
 
 class Deadline:
-    """How long a robot waits for what its lock step waits for.
+    """The deadline of a robot's waiting in the lock step.
 
     A peer that answers "not there yet" is not silent: its deadline runs from its last word, but
     no longer than the world would wait for it.
@@ -99,7 +99,7 @@ class Deadline:
         self._since = 0.0
 
     def passed(self, waiting: tuple[str, int] | None, heard: float, now: float) -> bool:
-        """Return whether what is waited for is to be given up now; it is said once.
+        """Return True, once, when the deadline of the waiting has passed.
 
         Args:
             waiting: as `RobotSide.waiting`.
@@ -144,7 +144,7 @@ class WorldPresence:
     def hear(
         self, run_id: str, state: str, step: int, transitions: int, now: float
     ) -> None:
-        """Take in what a world's status says.
+        """Take in a world's status.
 
         Raises:
             ValueError: it cannot be that of this run's world.
@@ -175,7 +175,7 @@ class WorldPresence:
         self._other = True
 
     def silent(self, now: float) -> float:
-        """Return for how many seconds the world has not been heard."""
+        """Return the seconds since the world was last heard."""
         return now - self._heard
 
     def given_up(self, now: float) -> str:

@@ -18,7 +18,7 @@ from sparse_coord_ros.protocol.wire import Began
 
 
 class WorldPort(Protocol):
-    """What the world can do to the outside."""
+    """The actions of the world on its surroundings."""
 
     def state(self, robot: int, step: int, cell: int) -> None:
         """Publish a robot's local state."""
@@ -34,11 +34,11 @@ class WorldPort(Protocol):
 
 
 class WorldState(NamedTuple):
-    """All that the world needs to go on with the same bits.
+    """The state of the world from which it continues with the same bits.
 
     Attributes:
         step: the time step under which the robots save theirs.
-        position: where the game is; where an episode ended at `step`, at the next one's begin.
+        position: the game's position; if an episode ended at `step`, the beginning of the next.
         counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
             `lost`.
         began: why the episode began.
@@ -59,8 +59,8 @@ class WorldSide:
 
     Args:
         run: the run.
-        port: what the world can do.
-        game: what is played; the Markov game of the run's scenario where None.
+        port: the world's actions on its surroundings.
+        game: the game; None: the Markov game of the run's scenario.
 
     Attributes:
         world: the game.
@@ -73,7 +73,7 @@ class WorldSide:
         absent: robots that missed a deadline and have not acted since: not waited for.
         history: gathers the episodes.
         watcher: None, or called after each transition with it.
-        held: after `go_on_from` and until `start`: what robots do is of the time taken back.
+        held: after `go_on_from` and until `start`: actions are from the time taken back.
     """
 
     def __init__(
@@ -95,11 +95,11 @@ class WorldSide:
         self._beginning = self.snapshot()
 
     def begin_at(self, step: int, transitions: int) -> None:
-        """After `go_on_from`, leave out what was done since; then call `start`.
+        """After `go_on_from`, skip the steps since then; then call `start`.
 
         Args:
-            step: the time step at which a new episode is to begin; nothing is left out where that
-                is not after the present one.
+            step: the time step at which a new episode begins; if it is not after the present one,
+                no step is skipped.
             transitions: made until then.
         """
         world = self.world
@@ -118,12 +118,12 @@ class WorldSide:
 
     @property
     def finished(self) -> bool:
-        """Whether the step budget is used up."""
+        """True if the step budget is used up."""
         return self.world.transitions >= self._budget
 
     @property
     def complete(self) -> bool:
-        """Whether the barrier is open: all robots that are waited for have acted."""
+        """True if the barrier is open: all robots that are waited for have acted."""
         return not self.missing() and any(
             action is not None for action in self._actions
         )
@@ -202,7 +202,7 @@ class WorldSide:
         return self.complete
 
     def advance(self) -> None:
-        """Make the time step and publish what came of it."""
+        """Make the time step and publish its results."""
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
         self.left_out += self.world.arrived.count(False) - len(acted)
@@ -247,7 +247,7 @@ class WorldSide:
         self._publish_states()
 
     def expire(self) -> list[int]:
-        """The deadline has passed: leave the missing robots out; return whom.
+        """Leave out the robots that missed the deadline; return them.
 
         The others go on: with the next step, or with a new episode where all of them have
         arrived. Without any other, the world goes on waiting.
@@ -264,7 +264,7 @@ class WorldSide:
         return missing
 
     def repeat(self) -> None:
-        """Publish again what robots may have lost; one that has it says its action again.
+        """Repeat messages that robots may have lost; robots repeat their actions.
 
         To all: a missing robot may be waiting for what an arrived one answers, or for where one
         is whose answers it doubts.

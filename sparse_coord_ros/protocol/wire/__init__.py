@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
 
-`TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
+`TOPICS` is the table of all messages: the owner, the type, the labels of the numbers, how it
 is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/ros_topics.py` binds it
 to message classes and QoS profiles; the recorder and the log follow it. Topic names are relative:
-a team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
-What is of no use to people begins with an underscore: `ros2 topic list` hides it.
+a team's to its namespace, a robot's to its own name; topics that ROS shares are absolute.
+Names of topics without use to people begin with an underscore: `ros2 topic list` hides them.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
 class Owner(StrEnum):
-    """Whose a topic is: one of the team, one of each robot, one of each world or robot node."""
+    """The owner of a topic: the team, each robot, or each world or robot node."""
 
     TEAM = "team"
     ROBOT = "robot"
@@ -27,7 +27,7 @@ class Owner(StrEnum):
 
 
 class Delivery(StrEnum):
-    """How a topic is published.
+    """The quality of service of a topic.
 
     At every time step; now and then; its last message is kept for late subscribers; its last
     `TABLES_DEPTH` are kept.
@@ -50,14 +50,14 @@ class Topic:
     Attributes:
         name: relative to the team's namespace, or to the robot's or node's name.
         type_name: the message's type, such as `std_msgs/msg/String`.
-        owner: whose it is.
-        delivery: how it is published.
+        owner: its owner.
+        delivery: its quality of service.
         packed: published as packed bytes, and handed to a recorder in the same process: what
             each time step and episode says.
-        recorded: it is written into a bag as it is.
-        labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
-            up by their labels, so a sender may add others.
-        limit: what is larger is dropped before anything looks into it.
+        recorded: whether bags hold it unchanged.
+        labels: of a sensor_msgs/JointState: the names of its numbers. A reader looks numbers up
+            by their labels, so a sender may add others.
+        limit: larger messages are dropped unread.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Topic:
 
     @property
     def stamped(self) -> bool:
-        """Whether the message begins with its time (a header or a clock), that of the run."""
+        """True if the message begins with its time (a header or a clock), that of the run."""
         return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
 
     def column(self, label: str) -> int:
@@ -84,7 +84,7 @@ class Topic:
 
 
 class PerceptEnd(IntEnum):
-    """How the percept of an action ended.
+    """The end of an action's percept.
 
     The action is no COORDINATE; every peer that was asked said where it is; a peer refused, or was
     further; no answer came by the deadline; there is no peer.
@@ -103,7 +103,7 @@ class PerceptEnd(IntEnum):
 
     @property
     def outcome(self) -> str:
-        """What pictures and pages show of it: `palette.ANSWERED`, `REFUSED` or `FAILED`."""
+        """Its display on pictures and pages: `palette.ANSWERED`, `REFUSED` or `FAILED`."""
         shown = {
             PerceptEnd.ANSWERED: palette.ANSWERED,
             PerceptEnd.REFUSED: palette.REFUSED,
@@ -112,7 +112,7 @@ class PerceptEnd(IntEnum):
 
     @classmethod
     def said(cls, number: float) -> "PerceptEnd | None":
-        """Return the one that a number in a message says; None: it says none of them."""
+        """Return the end for a number in a message; None: an unknown number."""
         return next((end for end in cls if end == number), None)
 
     @classmethod
@@ -124,7 +124,7 @@ class PerceptEnd(IntEnum):
 
 
 class SelfReport(NamedTuple):
-    """What a robot says of itself in its `action`, beside the action: the fields are labels there.
+    """A robot's report on itself in its `action`, beside the action; the fields are labels.
 
     Attributes:
         percept: how its percept ended, a `PerceptEnd`.
@@ -280,7 +280,7 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 """The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
 was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
-BAG_FORMAT = 3
+BAG_FORMAT = 4
 """Number of what a bag holds, in its metadata record. In format 1 runs did not say `bodies`."""
 
 FORMAT_KEY = "format"
@@ -319,7 +319,7 @@ class Began(StrEnum):
 
 
 class ClaimRank(IntEnum):
-    """How far a node of a name has come; the node that has come further keeps the name.
+    """Ranks of claims to a node's name: the node in the more advanced state keeps its name.
 
     It looks whether the name is taken; it has the name; it takes part in a run.
     """

@@ -7,8 +7,8 @@ Algorithm 1. But most messages differ only in a stamp and some numbers. A `Layou
 of such a message: it packs one, reads one, and reads many at once, by columns. A message whose
 other bytes are not the expected ones is left to a decoder.
 
-Between the fields lie bytes that only align them. rclpy leaves there what was in memory, and
-reserves some bytes after the last field; here they are zeros, and there are none, so that every
+Padding bytes align the fields. rclpy leaves random memory in them, and reserves some bytes after
+the last field; here padding is zeros, and nothing follows the last field, so that every
 process packs the same bytes.
 """
 
@@ -127,7 +127,7 @@ class Layout:
         return self._struct.unpack(data)
 
     def read(self, content: bytes, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Read messages of at least this size; what comes after it is padding.
+        """Read messages of at least this size; bytes beyond it are padding.
 
         Args:
             content: bytes in which they lie.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What rclpy tells of the requests of active perception: the messages of `SERVICE_EVENTS`."""
+"""Service introspection of active perception by rclpy: the messages of `SERVICE_EVENTS`."""
 
 from collections.abc import Sequence
 from enum import IntEnum
@@ -27,7 +27,7 @@ from sparse_coord_ros.protocol.wire.messages import (
 
 
 class EventKind(IntEnum):
-    """The kinds of service_msgs/ServiceEventInfo: who asks and who is asked tell two each.
+    """The kinds of service_msgs/ServiceEventInfo: client and server publish two each.
 
     Attributes:
         words: the same in words.
@@ -70,7 +70,7 @@ is."""
 def event_form(names: Sequence[str]) -> MessageForm:
     """Return the form of the events of nav_msgs/GetPlan in a team of robots.
 
-    What persons ask may be anything: of a request of another form only the head is read.
+    A person's request may have any form: then only its head is read.
     """
     info: list[Item] = [Free("kind", "u1"), *stamp("wall_")]
     info += [Free("client", "V16"), Free("number", "<i8")]

@@ -32,8 +32,8 @@ class Frame:
         origin: (x, y) of the map's lower left corner, in metres.
         period: nanoseconds a time step.
         centres: (x, y) of the middle of each free cell, in metres.
-        referee: whether rewards say with whom a robot interacted.
-        names: the robots; robots: how many they are.
+        referee: whether rewards contain the peers with which a robot interacted.
+        names: the robots' names; robots: their number.
     """
 
     def __init__(self, run: RunConfig) -> None:
@@ -61,7 +61,7 @@ class Frame:
         return (sec * SECOND + nanosec + self.period // 2) // self.period
 
     def cell(self, x: float, y: float) -> int | None:
-        """Return the free cell at a position in metres, or None where there is none."""
+        """Return the free cell at a position in metres, or None."""
         cell = self._cells.get((x, y))
         if cell is None:
             column = (x - self.origin[0]) // self.resolution

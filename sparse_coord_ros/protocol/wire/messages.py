@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a run, packed and read by the vocabulary, without ROS.
 
-A `MessageForm` says how the messages of a topic look as bytes, and what rows they make. The nodes
+A `MessageForm` has the byte layouts of a topic's messages, and the rows read from them. The nodes
 pack and read single messages by it (`Messages`), the log many at once, by columns.
 An error's text says what such a message does, such as "has no number labelled total".
 """
@@ -73,11 +73,11 @@ def no_other_form(message: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class MessageForm:
-    """How the messages of one topic look as bytes, and what rows they make.
+    """The byte layouts of one topic's messages, and the rows read from them.
 
     Attributes:
-        columns: structured type of a row: "ns" first, then what a message says.
-        layouts: how messages look as bytes, each with what fills rows from their fields.
+        columns: structured type of a row: "ns" first, then the message's content.
+        layouts: byte layouts, each with a function that fills rows from its fields.
         read: of what other programs may publish in other layouts: gives the row of a decoded
             message, as a tuple; ValueError where it makes no sense.
     """
@@ -115,7 +115,7 @@ class MessageForm:
 
 
 def nanoseconds(time: Any) -> int:
-    """Return a decoded time in nanoseconds; ValueError where it is none."""
+    """Return a decoded time in nanoseconds; ValueError if it is invalid."""
     if not 0 <= time.nanosec < SECOND:
         raise ValueError(
             f"is stamped {time.sec} s {time.nanosec} ns, outside of the run"
@@ -229,7 +229,7 @@ def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
 
     Args:
         frame: the run's frame.
-        due: what the data must be, which then are no column; None: anything.
+        due: the required data, which then are no column; None: any data.
     """
     rows, columns = frame.grid.shape
     count = rows * columns
@@ -313,10 +313,10 @@ def action_numbers(action: Action) -> tuple[float, ...]:
 
 
 def action_from(numbers: Sequence[float]) -> Action:
-    """Return the action that the numbers of an `action` say; the self-report is left out.
+    """Return the action from the numbers of an `action`, without the self-report.
 
     Raises:
-        ValueError: (east, north) is no primitive action, or peer is no number.
+        ValueError: (east, north) is no primitive action, or peer is not a number.
     """
     east, north, asked, peer, perceived = numbers[:5]
     move = MOVE_OF.get((east, north))
@@ -340,8 +340,8 @@ FLAGS = (0.0, 1.0)
 class Messages(Frame):
     """The messages of one run: its time steps, its map and its metres, as CDR.
 
-    What is read is checked: the frame, the stamp, the numbers. What does not fit the run raises
-    ValueError, and so may whatever cannot be decoded at all, with any exception.
+    Reading checks the frame, the stamp and the numbers. A message that does not fit the run
+    raises ValueError; one that cannot be decoded may raise any exception.
 
     Args:
         run: the run.
@@ -372,7 +372,7 @@ class Messages(Frame):
         """Return the time step of a stamp.
 
         Raises:
-            ValueError: it lies before the run's beginning, or is no time.
+            ValueError: it lies before the run's beginning, or is not a valid time.
         """
         if sec < 0 or not 0 <= nanosec < SECOND:
             raise ValueError(f"is stamped {sec} s {nanosec} ns, outside of the run")
@@ -437,7 +437,7 @@ class Messages(Frame):
         return step, action
 
     def unpack_self_report(self, data: bytes) -> tuple[int, Action, wire.SelfReport]:
-        """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
+        """Return (step, action, self-report); errors as of `unpack_action`."""
         step, action, numbers = self._action(data)
         said = numbers[-len(SELF_REPORT_TYPES) :]
         if not all(map(isfinite, said)):

@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the world says of the run on `status`, and each robot of its checkpoints on `_progress`.
+"""The world's messages `status` on the run, and the robots' `_progress` on their checkpoints.
 
-The fields are what the values of these messages are called, but where it says otherwise.
+The fields' names are the labels of the messages' values, with noted exceptions.
 """
 
 from typing import Any, NamedTuple
@@ -32,13 +32,13 @@ class Order(NamedTuple):
 
 
 class RunStatus(NamedTuple):
-    """What `status` says.
+    """The content of `status`.
 
     Attributes:
         run: the identity of the world's run, which `run.yaml` gives as `id`.
         state: a `RunState`; the message itself, not one of its values.
         step: the time step.
-        transitions: how many were made.
+        transitions: number of transitions made.
         left_out: (robot, step) pairs of them that the world made without the robot, though it had
             not arrived.
         began: why the episode began, a `Began`.
@@ -92,7 +92,7 @@ def read_status(message: Any) -> RunStatus:
 
 
 class Progress(NamedTuple):
-    """What a robot says of itself when it joins, has saved, or has obeyed.
+    """A robot's report when it joins, has saved, or has obeyed.
 
     Attributes:
         life: names the process; another one than before: the robot was replaced.

@@ -40,9 +40,9 @@ class Finding(NamedTuple):
 
     Attributes:
         level: FINE, HINT or WRONG.
-        part: what it is about, in a word or two.
-        text: what was found, one line.
-        remedy: what to do; empty: nothing.
+        part: the subject, in a word or two.
+        text: the result, one line.
+        remedy: the remedy; empty: not needed.
     """
 
     level: str
@@ -52,7 +52,7 @@ class Finding(NamedTuple):
 
 
 def installation() -> Finding:
-    """Look at this package; `pip check` says whether what it requires fits."""
+    """Check this package; `pip check` reports whether its requirements fit."""
     here = f"{__version__} in {Path(__file__).parents[2]}, Python {platform.python_version()}"
     again = "install it again: pip install -e . (or make clean, then make test)"
     try:
@@ -70,23 +70,31 @@ def installation() -> Finding:
 
 
 def compiler() -> Finding:
-    """Look at numba: whether it is there, compiles, and where it keeps what it compiled."""
+    """Check numba: is it installed, does it compile, where is its cache?"""
     try:
         numba = compiling.numba()
         numba.njit(lambda number: number + 1)(1)
     except ModuleNotFoundError:
-        text = "is not installed: the same results, but batches and train a hundred times slower"
+        text = (
+            "is not installed: results are the same, but train and batches are a hundred "
+            "times slower"
+        )
         return Finding(HINT, "numba", text, "pip install numba")
     except Exception as error:  # whatever an installation that does not fit raises
         text = f"does not work: {' '.join(str(error).split())}"
         return Finding(WRONG, "numba", text, "pip install --upgrade numba numpy")
     folder = compiling.folder()
     if folder is None:
-        text = f"{numba.__version__} compiles, but cannot keep it: some ten seconds a process"
+        text = (
+            f"{numba.__version__} compiles, but cannot store the result: each process "
+            "compiles for about 12 s"
+        )
         remedy = f"make ~/.cache writable, or export {compiling.FOLDER_VARIABLE}=FOLDER"
         return Finding(HINT, "numba", text, remedy)
     return Finding(
-        FINE, "numba", f"{numba.__version__} compiles, and keeps it in {folder}"
+        FINE,
+        "numba",
+        f"{numba.__version__} compiles, and stores the result in {folder}",
     )
 
 
@@ -101,7 +109,7 @@ def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     if span in RANGES:
         yield Finding(FINE, "discovery", f"{RANGE} {span}: {RANGES[span]}")
     else:
-        text = f"{RANGE} is {span!r}, with which no node finds another"
+        text = f"{RANGE} is {span!r}, so nodes do not find each other"
         remedy = f"export {RANGE}=LOCALHOST (this machine) or SUBNET (the network)"
         yield Finding(WRONG, "discovery", text, remedy)
     for name in ALSO:

@@ -49,7 +49,7 @@ def findings() -> Iterator[Finding]:
     """Try rclpy, the middleware, and a round trip between two processes."""
     said = round_trip()
     if "missing" in said:
-        text = f"is not there ({said['missing']}): all works but run, replay and a live watch"
+        text = f"is not there ({said['missing']}): all works except run, replay and live watch"
         remedy = "source /opt/ros/jazzy/setup.bash, or pip install '.[ros]'"
         yield Finding(HINT, "ROS 2", text, remedy)
         return
@@ -64,13 +64,13 @@ def findings() -> Iterator[Finding]:
             FINE if known else HINT, "ROS 2", f"rclpy with {said['rmw']}", remedy
         )
     if "round_trip" in said:
-        text = (
-            f"two processes found each other and talked in {said['round_trip']:.1f} s"
-        )
+        text = f"two processes exchanged messages in {said['round_trip']:.1f} s"
         yield Finding(FINE, "round trip", text)
         return
-    text = said.get("problem", "two processes on this machine do not hear each other")
-    remedy = f"look at the findings above; unset {', '.join(SUSPECTS)}; stop the firewall to try"
+    text = said.get("problem", "two processes on this machine do not reach each other")
+    remedy = (
+        f"see the findings above; unset {', '.join(SUSPECTS)}; stop the firewall to try"
+    )
     if "problem" not in said:
         for name, value, meaning in OTHER_WAYS:
             if os.environ.get(name) != value and "round_trip" in round_trip(
@@ -123,7 +123,7 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
 
 
 def main(role: str, name: str) -> int:
-    """Answer until killed, or ask and print what came of it as JSON."""
+    """Answer until killed, or ask and print the result as JSON."""
     try:
         import rclpy
         from std_msgs.msg import Int64

@@ -44,7 +44,7 @@ MOST_MOMENTS = 1_000_000
 
 
 class BodyNode(Follower):
-    """Hears what bodies are to do (Twist), and says where they are: PoseStamped, Odometry, tf.
+    """Receives bodies' commands (Twist), and publishes their poses: PoseStamped, Odometry, tf.
 
     Args:
         place: where the node is made, and with what: see `Place`.
@@ -167,7 +167,7 @@ class BodyNode(Follower):
         self._report("driving", self.summary())
 
     def summary(self) -> dict[str, Any]:
-        """Return what happened, as plain data."""
+        """Return counts of events as plain data."""
         simulator = self.simulator
         where = Counter(touch.where for touch in self.simulator.touches)
         return {
@@ -178,7 +178,7 @@ class BodyNode(Follower):
         }
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say what happened, and write the paths."""
+        """Log the counts of events, and write the paths."""
         if self.presence is None:
             return
         said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
@@ -193,7 +193,7 @@ def read_command(message: Twist) -> Command:
     """Return the command for a body.
 
     Raises:
-        ValueError: a speed is no number, or beyond what any body does.
+        ValueError: a speed is not a number, or larger than any body's.
     """
     command = Command(message.linear.x, message.angular.z)
     if not all(abs(speed) <= FASTEST for speed in command):

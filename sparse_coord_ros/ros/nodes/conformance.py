@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Judges whether a robot node of one's own keeps the contract of docs/interface.md.
+"""Tests whether a user's robot node keeps the contract of docs/interface.md.
 
 The world, and peers that stand still, are played by a script, which also loses a reward, says a
 state again, speaks for another run, and orders the robot back.
@@ -63,10 +63,10 @@ class Judged(NamedTuple):
 
     Attributes:
         name: of the obligation.
-        text: what it obliges to.
+        text: the obligation.
         verdict: `KEPT`, `BROKEN` or `NOT_SEEN`.
-        seen: what the robot did in place of it; empty: it kept it.
-        place: the heading in docs/interface.md below which it stands.
+        seen: the robot's behaviour if it broke the obligation, else empty.
+        place: its heading in docs/interface.md.
     """
 
     name: str
@@ -87,14 +87,14 @@ class EnoughError(Exception):
 
 @dataclass
 class Note:
-    """What was said and done at a time step.
+    """The messages and actions at a time step.
 
     Attributes:
         states: how often the robot's state was said.
         due: whether it is to be answered.
         said: its actions.
-        questions: how often it asked.
-        poses: how many its percept has; 0: there is none.
+        questions: number of its questions.
+        poses: number of poses in its percept; 0: no percept.
     """
 
     states: int = 0
@@ -105,19 +105,19 @@ class Note:
 
 
 class ScriptedWorld(WorldTopics):
-    """The world and the peers of a robot under test, which do what a script says.
+    """The world and the peers of a robot under test, which follow a script.
 
     Args:
         robot: the robot's name; empty: the scenario's first.
         scenario: the scenario's name or file.
         executor: runs the node of this world; a robot of the same process too.
-        ended: returns what the robot's process has left behind: "", once it is gone.
+        ended: returns what is left of the robot's process; "" once it is gone.
         checkpoints: whether the robot has to keep checkpoints; else it may keep none.
         place: where the node is made.
 
     Attributes:
         node: the world's node.
-        broken: what was seen, by the obligation that it breaks.
+        broken: observed violations, by obligation.
         seen: the obligations that were put to the test.
     """
 
@@ -169,7 +169,7 @@ class ScriptedWorld(WorldTopics):
                 answer = partial(self._on_question, number)
                 self.node.create_service(GetPlan, ACTIVE_PERCEPTION.of(name), answer)
 
-    # What is said, by the lock step too, and what is heard.
+    # Messages sent, also by the lock step, and messages received.
 
     def state(self, robot: int, step: int, cell: int) -> None:
         """Publish a state; note whether the robot is to answer it."""
@@ -216,7 +216,7 @@ class ScriptedWorld(WorldTopics):
     # Judging.
 
     def expect(self, what: str, kept: bool, seen: str) -> None:
-        """Put an obligation to the test; `seen` says what was seen if it is not kept."""
+        """Test an obligation; `seen` describes the violation if it is broken."""
         self.seen.add(what)
         if not kept:
             self.broken.setdefault(what, seen)
@@ -231,7 +231,7 @@ class ScriptedWorld(WorldTopics):
         return bool(condition())
 
     def quiet(self) -> None:
-        """Wait for what should not come, then judge what the robot did at each time step."""
+        """Wait for unexpected messages, then judge the robot's behaviour at each time step."""
         self.wait(lambda: False, QUIET_SECONDS)
         for topic in self.node.subscriber.dropped:
             self.expect(
@@ -310,7 +310,7 @@ class ScriptedWorld(WorldTopics):
         return self.world.step - self.world.position().episode_start
 
     def turn(self, what: str = "acts") -> SelfReport:
-        """Make a time step; return what the robot said of itself at it.
+        """Make a time step; return the robot's self-report.
 
         Raises:
             EnoughError: it did not act, which breaks an obligation.
@@ -504,15 +504,15 @@ OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | No
         "answers each state with an action of its step, in time",
         ScriptedWorld.goes_on,
     ),
-    "action": (STEP, "its actions can be read, and say nothing that cannot be", None),
+    "action": (STEP, "its actions are readable and possible", None),
     "repeats": (
         STEP,
-        "says its action as often as a state is said in time",
+        "repeats its action when a state is repeated in time",
         ScriptedWorld.says_again,
     ),
     "reward": (
         STEP,
-        "acts, and has not learned, where a reward is lost",
+        "acts without learning after a lost reward",
         ScriptedWorld.loses_a_reward,
     ),
     "left out": (
@@ -522,31 +522,35 @@ OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | No
     ),
     "rests": (
         STEP,
-        "says nothing at its goal or in an episode's last state",
+        "is silent at its goal and in an episode's last state",
         ScriptedWorld.ends_episode,
     ),
-    "answers": (ASKING, "tells its step, and its pose to who is at that step", None),
-    "asks": (ASKING, "asks only where it says COORDINATE", None),
-    "asks again": (ASKING, "asks a peer again that is not there yet", None),
+    "answers": (
+        ASKING,
+        "answers with its step, and its pose if the asker is at that step",
+        None,
+    ),
+    "asks": (ASKING, "asks only when its action is COORDINATE", None),
+    "asks again": (ASKING, "asks again if the peer is at an earlier step", None),
     "percept": (ASKING, "publishes whom it perceived with each COORDINATE", None),
     "stranger": (
         END,
-        "takes no notice of another run",
+        "ignores messages of another run",
         ScriptedWorld.hears_another_run,
     ),
     "progress": (
         BACK,
-        "says where it is when it is asked to",
+        "reports its progress when the world asks",
         ScriptedWorld.asks_for_progress,
     ),
     "goes back": (
         BACK,
-        "goes back to a checkpoint that it named",
+        "returns to a checkpoint that it reported",
         ScriptedWorld.orders_back,
     ),
     "ends": (
         END,
-        "is silent after the run, and leaves nothing behind",
+        "is silent after the run and leaves no process",
         ScriptedWorld.ends,
     ),
 }
@@ -557,7 +561,7 @@ order (None: all the rest does)."""
 def left(child: subprocess.Popen[bytes]) -> str:
     """Return an error if the robot's session still runs or ended badly, else an empty text."""
     if child.poll() is None:
-        return "its process runs on after the run"
+        return "its process is still running after the run"
     with suppress(ProcessLookupError):
         os.killpg(child.pid, 0)
         return "it has left processes behind"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How publishers hand their messages to a recorder in the same process.
+"""Direct hand-over of messages from publishers to a recorder in the same process.
 
 A subscription of the recorder costs about a tenth of a time step for each message, and a time step
 has seven messages. Where world, robots and recorder share a process, the messages of every time

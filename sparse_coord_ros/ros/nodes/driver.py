@@ -16,10 +16,10 @@ from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 
 class DriverNode(MoverNode):
-    """Steers the body of one robot: Twist, or TwistStamped where `stamped` says so.
+    """Steers the body of one robot by Twist, or by TwistStamped if `stamped` is set.
 
     Attributes:
-        driver: what steers the body, once a run has begun.
+        driver: steers the body, once a run has begun.
     """
 
     KIND = "driver"
@@ -42,7 +42,7 @@ class DriverNode(MoverNode):
         return self.driver
 
     def drive(self) -> None:
-        """Command what is to be done now, and report where the goal is over."""
+        """Send the command that is due, and report when the goal is over."""
         command, reached = self.driver.next()
         if command is not None:
             self._command(command)

@@ -79,8 +79,8 @@ def check_security() -> None:
 def repair_promptly() -> None:
     """Let Fast DDS offer a lost message again after 10 ms; its own period is 3 s.
 
-    On a busy machine its shared memory drops messages, and networks lose frames. In a run of a
-    few seconds they would come after the end, or after they were overwritten. The profiles also
+    On a busy machine its shared memory drops messages, and networks lose frames. In a short run
+    the repeats would come after the end, or after they were overwritten. The profiles also
     let a reader hear a writer of its own process that has written much: see
     `config/fastdds.xml`. Profiles that the user has chosen stay, and other middlewares take no
     notice. Profiles in the current directory are skipped: Fast DDS would take them unasked, and

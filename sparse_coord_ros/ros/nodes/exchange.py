@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The service `learned`: after learning a robot tells its peers once what it has learned."""
+"""The service `learned`: after learning, a robot sends its memory to its peers once."""
 
 import base64
 from collections.abc import Callable
@@ -24,7 +24,7 @@ AGAIN_TICKS = 25
 
 
 class Exchange:
-    """A robot's part in it.
+    """A robot's part in the exchange.
 
     A robot stays until all peers have asked, and waits no longer than `step_timeout`,
     counted in ticks of its own: a process that is busy hears nothing.
@@ -32,7 +32,7 @@ class Exchange:
     Args:
         node: the robot's node.
         run: the run.
-        packed: returns what it has learned, as `core.runs.tables.pack_tables` does.
+        packed: returns its memory, as `core.runs.tables.pack_tables` does.
     """
 
     def __init__(
@@ -72,8 +72,8 @@ class Exchange:
         silent = [name for k, name in enumerate(self._names) if k not in self._learned]
         if silent:
             self._node.get_logger().warning(
-                f"{', '.join(silent)} did not say what was learned within step_timeout: this "
-                "robot keeps its tables as they are"
+                f"{', '.join(silent)} did not share their tables within step_timeout: this "
+                "robot keeps its own tables"
             )
             return None
         packed = tuple(self._learned[k] for k in range(len(self._names)))
@@ -83,8 +83,8 @@ class Exchange:
             or "nowhere"
         )
         self._node.get_logger().info(
-            f"improved on what was learned: {found.before:.2f} -> {found.value:.2f}; r^C was felt "
-            f"in {felt}, any other doorway is unknown"
+            f"improved on what was learned: {found.before:.2f} -> {found.value:.2f}; r^C was "
+            f"paid in {felt}, any other doorway is unknown"
         )
         return found
 
@@ -100,7 +100,7 @@ class Exchange:
         return response
 
     def _take(self, k: int, future: Future) -> None:
-        """Take in what a peer says, if it is what a robot of this run can remember."""
+        """Take in a peer's memory, if a robot of this run can have learned it."""
         answer = future.result()
         if answer is None or not answer.success or k in self._learned:
             return
@@ -120,11 +120,11 @@ class Exchange:
 
 @lru_cache(maxsize=1)
 def planned(run: str, packed: tuple[bytes, ...]) -> Improvement:
-    """Return the plan of a team; it is computed once for the robots of one process.
+    """Return the plan of a team, computed once for the robots of one process.
 
     Args:
         run: the text of `run.yaml`.
-        packed: what each robot has learned.
+        packed: each robot's memory.
     """
     config = run_from_yaml(run, where="run")
     memories = []

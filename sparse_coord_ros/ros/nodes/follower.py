@@ -26,7 +26,7 @@ STOP_SECONDS = 1.0
 
 
 class Follower(ParameterNode):
-    """Hears the world's `run` and `status`, and calls what a subclass overrides.
+    """Subscribes to the world's `run` and `status`, and calls methods that subclasses override.
 
     In this order: `may_begin` until it is true, `begin` once, then with every tick `go_on`, every
     second `report`, with every status of the run's world `world_said`. After the run's end the
@@ -39,11 +39,11 @@ class Follower(ParameterNode):
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
-        part: whose `go_on`, `report`, `world_said` and `all_done` are called: this node, or
-            what `begin` has put here.
+        part: the object whose `go_on`, `report`, `world_said` and `all_done` are called: this
+            node, or an object that `begin` sets.
         run: the run, once it is announced.
-        status: what the world said last.
-        presence: whether the run's world is there; None: the node has not begun.
+        status: the world's last status.
+        presence: whether the run's world is present; None: the node has not begun.
 
     Raises:
         SparseCoordError: a bad parameter, no world simulator.
@@ -83,7 +83,7 @@ class Follower(ParameterNode):
         self.remind(self.reminder, f"a world simulator on {topic}")
         if 0 < limit < time.monotonic() - self.born:
             raise RunError(
-                f"startup_timeout: node {self.get_name()} heard of no world simulator on {topic} "
+                f"startup_timeout: node {self.get_name()} found no world simulator on {topic} "
                 f"within {limit:g} s; start one: "
                 "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
             )
@@ -98,13 +98,13 @@ class Follower(ParameterNode):
         """Take in a status of the run's world, also the last one before the node began."""
 
     def go_on(self, now: float) -> None:
-        """Do what is due; called with every tick."""
+        """Do the work that is due; called with every tick."""
 
     def report(self) -> None:
         """Say how it goes; called every second."""
 
     def all_done(self, now: float) -> bool:
-        """Return whether nothing is left to do after the run's end."""
+        """Return whether all work after the run's end is done."""
         return True
 
     def another_run(self, data: bytes) -> RunConfig | None:
@@ -114,17 +114,17 @@ class Follower(ParameterNode):
         self.subscriber.drop(
             ros_topics.RUN.name,
             "another world simulator has begun a run",
-            "this node stays with the run that it is in, and ends when the world of that is gone",
+            "this node stays in its run and ends when the world of that run is gone",
         )
         return None
 
     def lost(self, why: str) -> None:
-        """The run's world is gone: save what there is, and end."""
-        self.get_logger().warning(f"{why}: this node saves what it has and ends")
+        """The run's world is gone: save the state, and end."""
+        self.get_logger().warning(f"{why}: this node saves its results and ends")
         self.done = True
 
     def may_stop(self) -> bool:
-        """Return whether all is done up to the world's last step, or the world goes on."""
+        """Return whether all work up to the world's last step is done, or the world continues."""
         now = time.monotonic()
         self._stopping = self._stopping or now
         if self.presence is None or self.done:
@@ -134,7 +134,7 @@ class Follower(ParameterNode):
         return now - self._stopping > STOP_SECONDS
 
     def _read_run(self, data: bytes) -> RunConfig | None:
-        """Return a run to follow; what a node under way does not follow, it does not read."""
+        """Return a run to follow; a node in a run ignores the announcements of other runs."""
         identity = run_announced(data)
         if self.run is not None and identity == self.run.id:
             return None
@@ -184,7 +184,7 @@ class Follower(ParameterNode):
         if self.presence.silent(now) < SILENT_SECONDS:
             self._missing.over()
         else:
-            self.remind(self._missing, "a word of the world")
+            self.remind(self._missing, "a message of the world")
         gone = self.presence.given_up(now)
         if gone:
             self.lost(gone)

@@ -59,11 +59,11 @@ def read_claim(header: Any) -> Claim:
     """Return the claim in a message.
 
     Raises:
-        ValueError: it is no claim.
+        ValueError: the message is no claim.
     """
     identity, _, rank = header.frame_id.partition(" ")
     if not identity or rank.upper() not in ClaimRank.__members__:
-        raise ValueError(f"has the frame_id {header.frame_id!r}, which is no claim")
+        raise ValueError(f"has the frame_id {header.frame_id!r}, which is not a claim")
     return Claim(identity, ClaimRank[rank.upper()])
 
 
@@ -94,8 +94,8 @@ class Guard:
         node: the node; its `fail` is called where another node keeps the name.
 
     Attributes:
-        claim: what the node says of itself.
-        doubled: topics and services of which a second owner was seen.
+        claim: the node's claim.
+        doubled: topics and services that also have a second owner.
     """
 
     def __init__(self, node: ParameterNode) -> None:
@@ -129,7 +129,7 @@ class Guard:
         self._services = list(services)
 
     def counts(self) -> Counter[str]:
-        """Return how many topics and services had a second owner."""
+        """Return the number of topics and services that had a second owner."""
         services = len(self.doubled.intersection(self._services))
         topics = len(self.doubled) - services
         return Counter(
@@ -166,8 +166,8 @@ class Guard:
         if self.claim.yields_to(other):
             self._node.fail(
                 NameTakenError(
-                    f"node {name}: the name is taken, a node that was there before has it; stop "
-                    "that one, or start this one under another name or namespace"
+                    f"node {name}: the name is taken by an earlier node; stop that one, or "
+                    "start this one under another name or namespace"
                 )
             )
         elif self.claim.rank == other.rank == ClaimRank.JOINED and not self._warned:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Halting a team from outside: its world and its drivers are asked until all have done so.
 
-The world alone would do: it tells its drivers, those too that start later. The drivers are asked
-as well, because the world may be what is broken.
+The world alone would do: it tells its drivers, also drivers that start later. The drivers are
+asked as well, because the world itself may have failed.
 """
 
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ class Asked:
         client: of its service `halt`.
         answer: of the newest request; None: none is under way.
         since: when that request was made.
-        said: what the node answered last; empty: nothing yet.
-        done: whether it has done what it was asked for.
+        said: the node's last answer; empty: no answer yet.
+        done: whether it has complied.
     """
 
     client: Client
@@ -107,7 +107,7 @@ class Halting:
             one.done = False
 
     def tick(self, now: float) -> None:
-        """Do what is due; to be called several times a second."""
+        """Do the work that is due; to be called several times a second."""
         if now - self._looked >= DISCOVERY_SECONDS:
             self._looked = now
             self._look()
@@ -131,7 +131,7 @@ class Halting:
     def in_words(self, name: str) -> str:
         """Return a node's answer in words."""
         silent = (
-            "does not answer, its body may be moving"
+            "does not answer; its body may be moving"
             if self.hold
             else "does not answer"
         )
@@ -139,7 +139,7 @@ class Halting:
 
     @property
     def world_told(self) -> bool:
-        """Whether the team's world has done it: then drivers that start later do it, too."""
+        """True if the team's world has done it: then drivers that start later do it, too."""
         worlds = self._node.get_publishers_info_by_topic(f"{self._prefix}{RUN.name}")
         names = {info.node_name for info in worlds}
         return any(one.done for name, one in self.asked.items() if name in names)

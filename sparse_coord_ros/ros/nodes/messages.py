@@ -38,7 +38,7 @@ TEXT = 8
 
 
 class Converter(Messages):
-    """The messages of one run, with rclpy: it decodes what has another layout.
+    """The messages of one run, with rclpy, which decodes other layouts.
 
     Args:
         run: the run.
@@ -137,7 +137,7 @@ def read_run(data: bytes) -> RunConfig:
     """Return the run that a world announces.
 
     Raises:
-        SparseCoordError: it is none, or one in another format.
+        SparseCoordError: the text is no run, or has another format.
     """
     return run_from_yaml(
         deserialize_message(data, String).data, where=f"topic {RUN.name}"
@@ -190,7 +190,7 @@ def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
 
 
 def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str]:
-    """Return (data, step, occasion) of what `tables_message` made.
+    """Return (data, step, occasion) of a message of `tables_message`.
 
     Raises:
         ValueError: the message has another layout.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes that move a body share: goals and poses in, reports out, a lifecycle, halting.
+"""Base of the nodes that move a body: goals and poses in, reports out, a lifecycle, halting.
 
 A driver that was told to halt lets its body stand, whatever its goals are. It is told by the word
 in the world's `goals`, or by its own service `halt`, and it goes on only when one of them says so
@@ -66,7 +66,7 @@ DONE = TransitionCallbackReturn.SUCCESS
 
 
 class MoverNode(Follower, LifecycleNodeMixin):
-    """Moves the body of one robot while its lifecycle is active; a subclass says how.
+    """Moves the body of one robot while its lifecycle is active; subclasses define how.
 
     Args:
         name: the node's name unless the command line remaps it; empty: its `KIND`.
@@ -74,8 +74,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     Attributes:
         KIND: the executable, which names its table of parameters.
-        robot: whose body it is.
-        on_duty: whether the node has all that it needs, and the world hears its reports.
+        robot: the robot's name.
+        on_duty: whether the node has all its inputs, and the world receives its reports.
         active: whether the lifecycle allows it to move the body.
         halted: whether it was told to let the body stand, and not yet to go on.
 
@@ -111,7 +111,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         raise NotImplementedError
 
     def drive(self) -> None:
-        """Do what is to be done now; called after goals and poses, while the node is active."""
+        """Do the work that is due; called after goals and poses, while the node is active."""
         raise NotImplementedError
 
     def missing(self) -> str:
@@ -134,7 +134,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     @property
     def may_drive(self) -> bool:
-        """Whether the body may move; not before the world hears where it ends up."""
+        """True if the body may move; not before the world hears where it ends up."""
         return self.active and self.on_duty and not self.halted
 
     def set_up(self) -> None:
@@ -237,10 +237,10 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def _report_for_duty(self, mover: Mover) -> None:
-        """Offer reports when all is there, and drive when the world hears them.
+        """Offer reports when all inputs are there, and drive when the world receives them.
 
-        The goal may be older than this node, and the body may be there already: a report that
-        nobody hears would be lost, and the world would wait for it.
+        The goal may be older than this node, and the body may be there already: a report without
+        a subscriber would be lost, and the world would wait for it.
         """
         missing = f"poses of {self.robot}" if mover.pose is None else self.missing()
         if missing:
@@ -284,7 +284,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         return False, "is being stopped: ask again"
 
     def _hear_word(self, word: HaltWord) -> None:
-        """Take in what the world says of halting; only a new word counts.
+        """Take in the world's message on halting; a repeated one has no effect.
 
         The first one that is heard may be old: it lets no body go on.
         """
@@ -298,11 +298,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self.set_halted(False, "the world")
 
     def set_halted(self, halted: bool, by: str) -> None:
-        """Let the body stand, or go on.
+        """Halt the body, or let it continue.
 
         Args:
-            halted: which of them.
-            by: what has told so.
+            halted: True: halt.
+            by: the source of the order.
         """
         if halted != self.halted:
             self.halted = halted

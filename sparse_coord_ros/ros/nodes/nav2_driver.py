@@ -51,7 +51,7 @@ class Nav2DriverNode(MoverNode):
     """Sends the body of one robot from cell to cell by Nav2; the port of `Navigator`.
 
     Attributes:
-        navigator: what decides on goals, once a run has begun.
+        navigator: decides on goals, once a run has begun.
 
     Raises:
         SparseCoordError: as of `MoverNode`; nav2_msgs is not installed.
@@ -95,7 +95,7 @@ class Nav2DriverNode(MoverNode):
         return self.navigator
 
     def drive(self) -> None:
-        """Let the navigator do what is due, and report where the goal is over."""
+        """Let the navigator do the work that is due, and report when the goal is over."""
         self.navigator.held = not self.may_drive
         reached = self.navigator.next(self._now())
         if reached is not None:
@@ -185,7 +185,7 @@ class Nav2DriverNode(MoverNode):
         if self._mover is not None:
             if not self.navigator.clear:
                 self.say(
-                    "Nav2 did not say that its last goal is over: the body may still drive"
+                    "Nav2 did not confirm the end of its last goal: the body may still drive"
                 )
             counts = sorted(self.navigator.counts.items())
             said = ", ".join(f"{kind} {number}" for kind, number in counts)

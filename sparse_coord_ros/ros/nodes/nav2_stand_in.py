@@ -5,7 +5,7 @@
 It takes the place of robots, localisation and Nav2 where there are none: to see the whole
 procedure of docs/real_robots.md before, and for the tests. A base is a point that goes straight to
 its goal at a constant speed, through walls too. As in Nav2 a new goal pre-empts the one before it.
-What goes wrong with Nav2 can be had by the parameter `fault`.
+The parameter `fault` reproduces failures of Nav2.
 """
 
 import math
@@ -72,11 +72,11 @@ class Base:
     Attributes:
         pose: where it is.
         speed: metres a second.
-        faults: what becomes of its next goals; after them what the parameter `fault` says.
-        goals: how many have come.
-        active: the goal that is driven; None: none is.
-        fault: what becomes of that.
-        ended: how the goals ended, one after the other.
+        faults: the faults of its next goals; later ones have that of the parameter `fault`.
+        goals: number of goals received.
+        active: the goal in progress, or None.
+        fault: its fault.
+        ended: the ends of the goals, in order.
         lost: whether its pose is not published.
     """
 
@@ -260,7 +260,7 @@ def read_place(text: str) -> tuple[float, float]:
     """Return (x, y) in metres of a text such as `0.5,2`.
 
     Raises:
-        SettingError: it is none.
+        SettingError: the text is no place.
     """
     try:
         x, y = map(float, text.split(","))

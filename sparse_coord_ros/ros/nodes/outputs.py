@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""From what the nodes of a run wrote to the files of its output directory."""
+"""Joins the files of a run's nodes in its output directory."""
 
 import os
 import stat
@@ -77,7 +77,7 @@ def gather(
 
 
 def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
-    """Join the robots' tables where all are there; return what they say of the run."""
+    """Join the robots' tables if all are there; return their counts of the run."""
     parts = [robot_file(out, robot.name) for robot in scenario.robots]
     if not all(part.exists() for part in parts):
         return {}
@@ -94,14 +94,14 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
 
 
 def resumed_run(values: Mapping[str, Any]) -> RunConfig:
-    """Return the run that is to go on: that of the output directory.
+    """Return the run to resume: the one in the output directory.
 
     Args:
         values: of the parameters `out` and, where the run is described again, `scenario` and all
             that goes with it.
 
     Raises:
-        SparseCoordError: there is none, it is finished, or another run than the one described.
+        SparseCoordError: the run is missing, finished, or another than the one described.
     """
     if not values["out"]:
         raise RunError(NO_OUTPUT)
@@ -109,10 +109,10 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     run = load_run(out)
     if (out / CHECKPOINT_FILE).exists():
         raise RunError(
-            f"{out}: holds a run of train; go on with: sparse_coord train --resume {out}"
+            f"{out}: holds a run of train; continue with: sparse_coord train --resume {out}"
         )
     if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
-        raise RunError(f"{out}: the run is finished, there is nothing to go on with")
+        raise RunError(f"{out}: the run is finished, there is nothing to continue")
     run.check_code()
     if values["scenario"]:
         asked = run_from_parameters(values)
@@ -142,11 +142,11 @@ def check_place(out: str) -> None:
 
 
 class Output:
-    """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
+    """Saves files of a node, in the directory of its parameter `out`, if that is set.
 
     Args:
         node: the node.
-        name: what its checkpoints are called: `wire.WORLD`, or the robot's name.
+        name: the name of its checkpoints: `wire.WORLD`, or the robot's name.
         run: the run.
         own: names of the files that it is going to write there.
 
@@ -203,7 +203,7 @@ class Output:
             os.close(folder)
 
     def checkpoint(self, state: WorldState | RobotState) -> None:
-        """Save where the node is; where that fails, the run goes on with earlier ones."""
+        """Save the node's state; if that fails, the run continues with earlier files."""
         try:
             if self._out is not None and not self._out.exists():
                 self.save(lambda _: None)
@@ -215,7 +215,7 @@ class Output:
             )
 
     def count(self, events: Mapping[str, int]) -> None:
-        """Save what was counted of the run's faults and of messages dropped, where that is new."""
+        """Save new counts of the run's faults and of dropped messages."""
         now = +Counter({**events, DROPPED: self.node.subscriber.total})
         if now != self._counted:
             self._counted = now
@@ -223,7 +223,7 @@ class Output:
                 self.store.count(now)
 
     def save(self, write: Callable[[Path], None]) -> Path | None:
-        """Write files into the directory, or beside it where that cannot be.
+        """Write files into the directory, or beside it if that fails.
 
         A directory that is gone is made again; one that cannot be written (a full disk) is stood
         in for by another (`files.rescue`), the same for all nodes of the run. One line says so.
@@ -232,10 +232,10 @@ class Output:
             write: writes the files into a directory.
 
         Returns:
-            The directory; None: there is none.
+            The directory; None: not set.
 
         Raises:
-            OSError: none of the places can be written; that of the first.
+            OSError: no place can be written; the first place's error.
         """
         if self._out is None:
             return None
@@ -271,7 +271,7 @@ class Output:
 
 
 def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:
-    """Return what a robot (from 0) begins with that is to begin with another run's tables.
+    """Return the initial memory of a robot (from 0) from another run's tables.
 
     Raises:
         SparseCoordError: no such run, or its map, robots or learner are others.

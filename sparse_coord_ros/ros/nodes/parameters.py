@@ -123,7 +123,7 @@ ROS_PARAMETERS_PREFIX = "qos_overrides."
 
 
 class Place(TypedDict, total=False):
-    """Where a node is made, and with what.
+    """The environment in which a node is made.
 
     Attributes:
         context: the ROS context.
@@ -154,12 +154,12 @@ class ParameterNode(Node):
         subscriber: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
-        direct: the way to a recorder in the same process; None: there is none.
-        shared_clients: those of the robots of this process, by service; others make their own.
-        reminder: when to say what the node waits for.
-        failure: why the node must stop, or None.
-        done: whether the node has nothing more to do.
-        at_end: closes what is put there when the node is destroyed, whatever brought that.
+        direct: the connection to a recorder in the same process, or None.
+        shared_clients: clients that the robots of this process share, by service.
+        reminder: times of reminders while the node waits.
+        failure: the error that stops the node, or None.
+        done: whether the node's work is finished.
+        at_end: closes its contents when the node is destroyed, for any reason.
 
     Raises:
         SettingError: an unknown parameter or a bad value.
@@ -201,12 +201,12 @@ class ParameterNode(Node):
         self.add_on_set_parameters_callback(self._check_change)
 
     def destroy_node(self) -> None:
-        """As `Node`'s; what is `at_end` comes first."""
+        """As `Node`'s, after closing `at_end`."""
         self.at_end.close()
         super().destroy_node()
 
     def set_up(self) -> None:
-        """Check the values, and open what the node needs; where that fails, no node is left."""
+        """Check the values, and open the node's resources; on failure, destroy the node."""
 
     def fail(self, error: SparseCoordError) -> None:
         """Stop the node because of bad input; the loop that spins it raises the error."""
@@ -215,10 +215,10 @@ class ParameterNode(Node):
     def guarded(
         self, callback: Callable[..., Any], drops: str = ""
     ) -> Callable[..., Any]:
-        """Return a callback whose exceptions stop this node, which then saves what it has.
+        """Return a callback whose exceptions stop this node, which then saves its state.
 
-        Its last argument is returned then: the answer, where it is the callback of a service. With
-        a name to count them under, exceptions are no fault of the node: it refuses the request.
+        On an exception it returns its last argument: for a service, the response. If a name to
+        count them under is given, exceptions do not stop the node: it refuses the request.
         """
 
         @functools.wraps(callback)
@@ -241,7 +241,7 @@ class ParameterNode(Node):
         )
 
     def create_service(self, srv_type, srv_name, callback, **more):
-        """As `Node`'s; the callback is guarded, and rclpy's own refuse what they cannot read."""
+        """As `Node`'s, with a guarded callback; rclpy's own ones refuse unreadable requests."""
         rclpys = ""
         if srv_type.__module__.startswith("rcl_interfaces."):
             rclpys = srv_name
@@ -262,7 +262,7 @@ class ParameterNode(Node):
 
         Args:
             service: the service.
-            do: gets what a SetBool says; returns whether it was done, and a text.
+            do: receives the value of a SetBool; returns whether it succeeded, and a text.
         """
 
         def answer(request: Any, response: Any) -> Any:
@@ -273,13 +273,13 @@ class ParameterNode(Node):
         self.create_service(message_class(service.type_name), service.of("~"), answer)
 
     def remind(self, reminder: Reminder, for_whom: str) -> None:
-        """Say every few seconds for whom this node waits."""
+        """Log every few seconds which nodes this node waits for."""
         waited = reminder.due(time.monotonic())
         if waited:
             self.get_logger().info(f"waiting for {for_whom} ({waited:.0f} s)")
 
     def finish(self, *, interrupted: bool) -> None:
-        """Save and say what is left to say, while ROS still works.
+        """Save, and send the last messages, while ROS still works.
 
         Args:
             interrupted: whether the node is stopped before it was `done`.
@@ -347,9 +347,9 @@ class ParameterNode(Node):
         )
 
     def is_heard(self, topic: str, role: str) -> bool:
-        """Return whether a node of a role subscribes; true for a recorder here that gave up.
+        """Return whether a node of a role subscribes; True for a recorder here that gave up.
 
-        Of one name all do: a killed node is in the graph for 20 s, beside the one that came back.
+        All nodes of one name must subscribe: a killed node stays in the graph for 20 s.
         """
         if role == RECORDER and self.direct is not None and self.direct.closed:
             return True
@@ -418,7 +418,7 @@ def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
         asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
         if asked > ASKED:
             raise SettingError(
-                f"{asked:,} parameters in one request, allowed: {ASKED:,}"
+                f"{asked:,} parameters in one request; allowed: {ASKED:,}"
             )
         return callback(request, response)
 
@@ -460,7 +460,7 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
         how = (
             "with one robot at a time"
             if run.rule.alone
-            else "from what all robots see and do"
+            else "from the cells and actions of all robots"
         )
         raise SettingError(
             f"parameter learner: value is {run.learner!r}, which learns {how}; "

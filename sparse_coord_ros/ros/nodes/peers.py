@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service `active_perception` from both sides: a robot asks its peers, and answers them.
 
-Anybody can offer a service a second time, and ROS 2 takes the first answer to a request, whoever
-gave it. Once the graph shows a second server of a peer's service, a robot also listens to the
+A stranger can offer a service a second time, and ROS 2 takes the first answer to a request, from
+any server. Once the graph shows a second server of a peer's service, a robot also listens to the
 peer's local state, and drops the answers that do not fit it. The one that fits may come second.
 
 ROS 2 delivers the answer of a service to every client of it, each of which wakes up to see that it
@@ -49,7 +49,7 @@ def _introspect(node: Node, endpoint: Client | Service) -> None:
 
 
 class Peer:
-    """One peer's `active_perception`, to ask it.
+    """Client of one peer's `active_perception`.
 
     Args:
         node: the asking robot; its name goes into the requests.
@@ -58,9 +58,9 @@ class Peer:
 
     Attributes:
         heard: when the peer answered last.
-        repeats: how often it was asked again for the same step.
-        fits: whether an answer to the request of a step can be the peer's; None: nobody else
-            answers for it.
+        repeats: number of repeated requests for the same step.
+        fits: whether an answer to the request of a step can be the peer's; None: it has no
+            second server.
     """
 
     fits: Callable[[int, Path], bool] | None = None
@@ -87,8 +87,8 @@ class Peer:
         """Ask for the peer's local state of a time step.
 
         Returns:
-            Whether to wait for the answer; False for a peer that let the last deadline pass and
-            has not answered since: it is asked all the same, so that its return is noticed.
+            True to wait for the answer; False for a peer that let the last deadline pass and has
+            not answered since. The request is sent all the same, to notice its return.
         """
         self._request.start = pose
         self.repeats = self.repeats + 1 if step == self._step else 0
@@ -136,7 +136,7 @@ class Peer:
         self._sent = 0.0
 
     def start_anew(self) -> None:
-        """Forget what was asked: the run goes back to an earlier time step, with every robot."""
+        """Forget pending requests: the run goes back to an earlier time step, with all robots."""
         self._silent = False
         self._unsent = None
         self._forget()
@@ -230,12 +230,12 @@ class Peers:
             ros_topics.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
         )
         self._node.get_logger().warning(
-            f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
-            "is are dropped from now on"
+            f"{ACTIVE_PERCEPTION.of(name)} has two servers: from now on answers that do not "
+            f"fit the position of {name} are dropped"
         )
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
-        """Return whether an answer is what a peer answers that is where the world says."""
+        """Return whether an answer agrees with the peer's position as the world publishes it."""
         said = plan.header.stamp
         now = self._convert.header(step).stamp
         if self._side.waiting != ("percept", step):
@@ -260,12 +260,12 @@ class Peers:
         if not fits:
             service = ACTIVE_PERCEPTION.of(self._names[peer])
             self._subscriber.drop(
-                service, "the answer does not fit where the peer is", "dropped"
+                service, "the answer does not fit the peer's position", "dropped"
             )
         return fits
 
     def start_anew(self) -> None:
-        """Forget what was asked: the run goes back to an earlier time step."""
+        """Forget pending requests: the run goes back to an earlier time step."""
         self._places.clear()
         for peer in self._peers.values():
             peer.start_anew()
@@ -304,7 +304,7 @@ class Peers:
         return response
 
     def on_answer(self, peer: int, request_step: int, plan: Path) -> None:
-        """Take in a peer's answer to the request of a time step, whoever gave it."""
+        """Take in an answer, from any server, to the request to a peer of a time step."""
         cell = None
         try:
             step = self._convert.checked_step(

@@ -28,7 +28,7 @@ LONGEST_WAIT_NS = 60 * SECOND
 """The timer's longest wait, as it cannot hold every distance of log times; it then waits again."""
 
 KEYS_HELP = (
-    "space: pause or go on, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
+    "space: pause or resume, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
     "on, up/down: twice or half the rate, Home: start, q: quit"
 )
 REMEDY = "seek back: parameter position, keys left or Home"
@@ -118,8 +118,8 @@ class Player(ParameterNode):
         self.begun = True
         if self.count_publishers(self.played.clock_name) > 1:
             raise RunError(
-                f"another node publishes {self.played.clock_name}: a live run or another player "
-                "is there, which this one would disturb; use another ROS_DOMAIN_ID"
+                f"another node publishes {self.played.clock_name}: this player would disturb a "
+                "live run or another player; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 
@@ -129,7 +129,7 @@ class Player(ParameterNode):
         )
 
     def _wake(self) -> None:
-        """Let the timer look at once at what is to be done."""
+        """Let the timer fire at once."""
         if self.begun:
             self._timer.timer_period_ns = 1
             self._timer.reset()
@@ -158,7 +158,7 @@ class Player(ParameterNode):
         return f"{doing} at {self._position:.3f} s"
 
     def _on_change(self, parameters: list[Parameter]) -> None:
-        """Do what changed parameters say."""
+        """Apply changed parameters."""
         for parameter in parameters:
             if parameter.name == "rate":
                 self._playback.set_rate(self.values["rate"])
@@ -176,7 +176,7 @@ class Player(ParameterNode):
                 )
 
     def _on_key(self, key: str) -> str:
-        """Do what a key says, and return what the player does then."""
+        """Handle a key, and return a text for the log."""
         if key == "pause":
             return self._pause(not self._playback.paused)[1]
         rate = self.values["rate"]

@@ -27,7 +27,7 @@ ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 class PlayedTopics:
     """The publishers of a bag's topics, and of a clock where the bag has none.
 
-    Warns of what cannot be played.
+    Warns of topics that cannot be played.
 
     Args:
         node: the node that publishes.
@@ -88,7 +88,7 @@ class PlayedTopics:
 
     @property
     def kept(self) -> list[str]:
-        """Topics of which the last message stays true until the next: the clock, latched ones."""
+        """Topics whose last message stays valid until the next: the clock, latched ones."""
         topics = self.bag.topics
         return [
             n for n in self.publishers if n == self.clock_name or latched(topics[n].qos)

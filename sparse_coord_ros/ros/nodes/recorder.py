@@ -105,7 +105,7 @@ class Recording:
         self._tables: dict[str, tuple[int, bytes]] = {}
 
     def begin(self) -> None:
-        """Write down what the run is; not where its bag is continued, which has it."""
+        """Record the run's configuration, unless the bag continues one that has it."""
         bag = self.bag
         run_text = self.run.to_yaml()
         record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
@@ -169,7 +169,7 @@ class Recording:
                     f"{KEPT_FREE} are kept for what the team saves; make room"
                 )
 
-    # Whom it hears.
+    # Its sources.
 
     def listen(self) -> None:
         """Listen to the run's team."""
@@ -243,7 +243,7 @@ class Recording:
         }
         return data if space in spaces else b""
 
-    # What a follower of a run does.
+    # The methods of a follower of a run.
 
     def world_said(self, said: RunStatus) -> None:
         """Go back where the world says so; take in its time."""
@@ -271,7 +271,7 @@ class Recording:
             self.flush()
 
     def _note_stall(self, seconds: float) -> None:
-        """Write down that this recorder stood still: what waited for it may be lost.
+        """Record that this recorder was stalled: messages that waited for it may be lost.
 
         The middleware keeps the newest messages of each topic, and forgets who is silent for long.
         """
@@ -380,7 +380,7 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
-            self.get_logger().error(f"{error}; the run goes on unrecorded")
+            self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
         """Where a bag is continued, wait until the world has said from where."""
@@ -390,7 +390,7 @@ class Recorder(Follower):
         )
         waits = bool(self.values["resume"]) and going_back
         if waits and self.run is not None:
-            self.remind(self.reminder, "the world to say from where the run goes on")
+            self.remind(self.reminder, "the world to announce where the run continues")
         return not waits
 
     def begin(self, run: RunConfig) -> None:
@@ -440,7 +440,7 @@ class Recorder(Follower):
         )
 
     def finish(self, *, interrupted: bool) -> None:
-        """Close the bag and say what is in it."""
+        """Close the bag and report its content."""
         if self.recording is None or self.error is not None or self.failure is not None:
             return
         bag = self.recording.bag

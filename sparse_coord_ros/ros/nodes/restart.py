@@ -23,12 +23,12 @@ from sparse_coord_ros.ros.nodes.parameters import ROLL_BACK
 
 
 class Returning(WorldRollback):
-    """Hears what robots say of their checkpoints, and takes the team back where that is due.
+    """Receives robots' reports on checkpoints, and rolls the team back when that is due.
 
     Args:
         run: the run.
         side: the world's side of the lock step.
-        output: where the world saves; its node's `resume` and `returning` say what is due.
+        output: saves the world's files; its node's `resume` and `returning` are used.
         changed: called when an order was given, and when the team goes on.
     """
 
@@ -59,11 +59,11 @@ class Returning(WorldRollback):
 
     @property
     def calling(self) -> bool:
-        """Whether the team waits for all to say where they are, before it goes on there."""
+        """True if the team waits for all to say where they are, before it goes on there."""
         return self._side.held and self.order.step == NO_ROLLBACK
 
     def resume(self) -> list[str]:
-        """Where a run is resumed, order from where; return whose checkpoints are not known yet.
+        """Order the step to resume from, if resuming; return robots with unknown checkpoints.
 
         Raises:
             RunError: a robot keeps no checkpoints, or the world's is of another run.
@@ -81,7 +81,7 @@ class Returning(WorldRollback):
                 )
             world = self._side.world
             self._node.get_logger().info(
-                f"going on from a checkpoint: transition {world.transitions}, step {world.step}"
+                f"continuing from a checkpoint: transition {world.transitions}, step {world.step}"
             )
         return silent
 
@@ -96,7 +96,7 @@ class Returning(WorldRollback):
         if not self.go_on(anyway=late):
             return
         if waiting:
-            self._warn(f"{', '.join(waiting)} did not obey; going on without")
+            self._warn(f"{', '.join(waiting)} did not obey; continuing without them")
         if self._side.lost > lost:
             self._warn(f"{self._side.lost} transitions are lost in the history")
         self._changed()
@@ -107,7 +107,7 @@ class Returning(WorldRollback):
         self._since = now
 
     def _on_progress(self, robot: int, said: Progress) -> None:
-        """Take in what a robot says of its checkpoints; one that comes back may take us along."""
+        """Take in a robot's report on checkpoints; its return may roll back the team."""
         if self.heard(robot, said) and self._under_way and not self._side.finished:
             self._came_back(robot, said)
         self._output.count(self.events)
@@ -122,15 +122,15 @@ class Returning(WorldRollback):
             )
         elif self._node.values["returning"] == ROLL_BACK and self._order_back():
             self._warn(
-                f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
+                f"{name} came back at step {step}: all nodes return to the checkpoint of step "
                 f"{self.order.step}"
             )
         else:
             lost = max(0, step - said.step)
             self.events["robot_steps_lost"] += lost
             self._warn(
-                f"{name} came back at step {step} with what it had learned until step "
-                f"{said.step}: the team goes on, {lost} time steps of {name} are lost"
+                f"{name} came back at step {step} with its learning up to step "
+                f"{said.step}: the team continues, {lost} time steps of {name} are lost"
             )
 
     def _on_recorder(self, said: Progress) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The robot node: one agent of Algorithm 1, which knows of its peers only what they answer.
+"""The robot node: one agent of Algorithm 1, which knows its peers only by their answers.
 
 `Member` is its part in a run: all that exists once the run is known.
 """
@@ -46,7 +46,7 @@ PEER_PATIENCE_SECONDS = 2.0
 
 
 class Member:
-    """One agent of a run and its place on the wire; the port of its side of the lock step.
+    """One agent of a run and its topics; the port of its side of the lock step.
 
     Args:
         node: the robot's node, which follows the run.
@@ -57,7 +57,7 @@ class Member:
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
         peers: asks its peers, and answers them.
-        exchange: tells the peers what was learned; None: the run does not improve on it.
+        exchange: sends the memory to the peers; None: the run has no planning afterwards.
 
     Raises:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
@@ -91,7 +91,7 @@ class Member:
         if resumed:
             step = self._back.begin()
             what = (
-                f"goes on from its checkpoint of step {step}"
+                f"continues from its checkpoint of step {step}"
                 if step
                 else "has no checkpoint"
             )
@@ -131,7 +131,7 @@ class Member:
         )
 
     def world_said(self, said: RunStatus) -> None:
-        """Take in what the world says: an order to go back, and how far it is."""
+        """Take in the world's status: an order to go back, and its progress."""
         order = said.order
         if self._back.obey(order):
             if order.step != NO_ROLLBACK:
@@ -156,7 +156,7 @@ class Member:
         self._action.publish(self._convert.pack_action(step, action, report))
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
-        """Publish what came of COORDINATE."""
+        """Publish the result of COORDINATE."""
         self._percept.publish(self._convert.path(step, (cell, *(perceived or ()))))
 
     def ask(self, peer: int, step: int, cell: int) -> None:
@@ -187,12 +187,12 @@ class Member:
             self._kept = said
             drop(
                 ros_topics.LOCAL_STATE.of(self._name),
-                f"step {step} does not follow {self._step_filter.newest}, and the world has not "
-                "said that it is so far",
+                f"step {step} does not follow {self._step_filter.newest}, and the world has "
+                "not announced that step",
             )
             return
         if self._presence.sees(step):
-            drop(ros_topics.STATUS.name, "the run was said to be over")
+            drop(ros_topics.STATUS.name, "the world announced the end of the run")
         # no order to go back has come: it goes on from its own checkpoint
         if self._unsaid:
             self._unsaid = False
@@ -206,7 +206,7 @@ class Member:
             return False, os_error_text(error)
         return bool(
             path
-        ), f"saved {path}" if path else "no parameter 'out': nowhere to save"
+        ), f"saved {path}" if path else "parameter 'out' is empty: nothing can be saved"
 
     # The course of the run.
 
@@ -218,7 +218,7 @@ class Member:
             self.peers.keep_the_deadline(now)
 
     def _join_when_ready(self, now: float) -> None:
-        """Listen to the world once everybody who should hear this robot does.
+        """Subscribe to the world once all required subscribers of this robot are there.
 
         The world waits for these subscriptions: with them the robot says that it is ready.
         """
@@ -295,7 +295,7 @@ class Member:
 
     @property
     def _finished(self) -> bool:
-        """Whether the world has said that the budget is used up."""
+        """True if the world has said that the budget is used up."""
         said = self._node.status
         return said is not None and said.state == wire.RunState.FINISHED
 
@@ -306,14 +306,14 @@ class Member:
         self._say_progress()
 
     def _save(self) -> Path | None:
-        """Write the tables and return where; None: no directory was given."""
+        """Write the tables and return their path; None: no directory was given."""
         packed = self._packed()
         name = self._name
         place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
         return None if place is None else robot_file(place, name)
 
     def _improve(self) -> None:
-        """Save and publish what the robot makes of what all have learned, or has learned."""
+        """Save and publish the robot's improved tables, or the learned ones."""
         assert self.exchange is not None
         plan = self.exchange.plan()
         number = self._number
@@ -331,7 +331,7 @@ class Member:
         )
 
     def _packed(self) -> bytes:
-        """Return the tables as they are, with what they are of."""
+        """Return the current memory and counts as bytes."""
         agent = self.lockstep.agent
         number = agent.number + 1
         counts = self.lockstep.counts
@@ -422,8 +422,8 @@ class RobotNode(Follower):
         run.check_code()
         if run.tables and not self.values["tables"]:
             raise TablesError(
-                f"the run begins with the tables of {in_short(run.tables)}, which this robot does "
-                "not read as its parameter 'tables' is empty; give it that directory"
+                f"the run begins with the tables of {in_short(run.tables)}, but parameter "
+                "'tables' of this robot is empty; set it to that directory"
             )
 
     def begin(self, run: RunConfig) -> None:
@@ -431,7 +431,7 @@ class RobotNode(Follower):
         self.part = self.member = Member(self, run)
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say the last words, and save what was learned."""
+        """Send the last messages, and save the tables."""
         if self.member is not None:
             self.member.finish(interrupted=interrupted)
 

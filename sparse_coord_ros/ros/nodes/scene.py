@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What people see of a team in RViz and Foxglove beside the markers: names, questions, doorways.
+"""Display of a team in RViz and Foxglove beside the markers: names, questions, doorways.
 
 It comes with the markers, but not at every episode's start, and 30 times a second at most. Where
 tf2_msgs is installed, transforms `map` to `<robot>/base_link` come along.
@@ -58,8 +58,8 @@ class Scene:
         """Return names, the questions of the actions, and how full the doorways are.
 
         Args:
-            actions: the newest action of each robot, as bytes; of robots that asked nobody, or in
-                another step than the one before, no question is shown.
+            actions: the newest action of each robot, as bytes; only questions of the step before
+                are shown.
         """
         found = []
         for k, name in enumerate(self.convert.names):

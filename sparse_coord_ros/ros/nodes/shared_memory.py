@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What killed processes have left of Fast DDS in shared memory.
+"""Files of Fast DDS that killed processes left in shared memory.
 
 Fast DDS keeps a segment for each participant in /dev/shm. A process that ends removes its own;
 SIGKILL leaves them there, half a megabyte each time. A lock file beside each is locked while its

@@ -50,7 +50,7 @@ STDERR = 2
 
 
 class Stop:
-    """Whether one of `STOPPING` has come.
+    """A flag that is set when one of the signals `STOPPING` has come.
 
     One Ctrl-C often arrives twice, from the terminal and from launch. A further signal interrupts
     at once only when the node has had `PATIENCE_SECONDS` to end by itself.
@@ -62,7 +62,7 @@ class Stop:
         self._at_once = False
 
     def __bool__(self) -> bool:
-        """Whether to stop."""
+        """Return whether to stop."""
         return self.signal is not None
 
     def handle(self, number: int, frame: object) -> None:
@@ -157,7 +157,7 @@ def make_executor(kind: str, context: Context) -> Executor:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
         raise errors.RunError(
-            "executor 'events': this rclpy has none (it came with 7.1.2); update ROS 2 Jazzy or "
+            "executor 'events': this rclpy does not have it (new in 7.1.2); update ROS 2 Jazzy or "
             "use 'single'"
         ) from None
     return EventsExecutor(context=context)
@@ -195,7 +195,7 @@ def spin_nodes(
 
 
 def wait_for_readers(publishers: Iterable[Publisher]) -> None:
-    """Wait until all readers have what was published, but no longer than `READERS_SECONDS`.
+    """Wait until all readers have the published messages, at most `READERS_SECONDS`.
 
     A killed reader never says so.
     """
@@ -231,7 +231,7 @@ def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
 def ending(
     nodes: Sequence[ParameterNode], save: Callable[[], object]
 ) -> Iterator[None]:
-    """Whatever ends nodes, save what they have, say it on /rosout, and take them down."""
+    """Save the nodes' state at any end, report it on /rosout, and destroy the nodes."""
     try:
         yield
     except errors.NameTakenError:
@@ -252,10 +252,10 @@ def ending(
 
 
 def exit_code_of(run: Callable[[Stop], None]) -> int:
-    """Run something and return the exit code that its end stands for; an error is one line.
+    """Run a function and return an exit code; print an error in one line.
 
     Args:
-        run: what to run; it minds the signals that end it.
+        run: the function; it handles the signals that end it.
 
     Returns:
         0 at its end, 2 after bad input, 1 after an unexpected exception, 130 after an

@@ -25,8 +25,8 @@ class Subscriber:
         node: the node; its callbacks are guarded (`parameters.ParameterNode`).
 
     Attributes:
-        dropped: how many messages were dropped, by topic or service.
-        earlier: how many the node's earlier processes dropped in this run.
+        dropped: number of dropped messages, by topic or service.
+        earlier: number that the node's earlier processes dropped in this run.
     """
 
     def __init__(self, node: Node) -> None:
@@ -45,15 +45,15 @@ class Subscriber:
         unpack: Callable[[bytes], Any] | None = None,
         qos: QoSProfile | None = None,
     ) -> Any:
-        """Subscribe to a topic of the team, or of a robot's or node's own, and return that.
+        """Subscribe to a topic of the team, a robot or a node; return the subscription.
 
         Args:
             topic: the topic.
-            then: called with what a message says.
-            owner: whose topic it is.
-            name: the topic's name, where it is given.
-            read: what a message object says; any exception drops the message.
-            unpack: what a message's bytes say, without rclpy's object; in place of `read`.
+            then: called with a message's content.
+            owner: the topic's owner.
+            name: the topic's name, if given.
+            read: returns the content of a message object; any exception drops the message.
+            unpack: returns the content of a message's bytes; in place of `read`.
             qos: the subscription's profile; None: that of the topic.
         """
         name = name or topic.of(owner)
@@ -80,12 +80,12 @@ class Subscriber:
         )
 
     def drop(self, name: str, why: object, done: str = "message dropped") -> None:
-        """Count a message of a topic or service that does not fit, and say so the first time.
+        """Count an invalid message of a topic or service, and log the first one.
 
         Args:
             name: of the topic or service.
-            why: what is wrong with the message.
-            done: what becomes of it.
+            why: the error in the message.
+            done: its treatment, for the log.
         """
         self.dropped[name] += 1
         if self.dropped[name] == 1:
@@ -96,5 +96,5 @@ class Subscriber:
 
     @property
     def total(self) -> int:
-        """How many messages were dropped."""
+        """The number of dropped messages."""
         return self.dropped.total() + self.earlier

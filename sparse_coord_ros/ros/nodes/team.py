@@ -123,7 +123,7 @@ def run_team(
 
 
 class _TeamEnd:
-    """How a team's nodes end, one kind after the other.
+    """The end of a team's nodes, one kind after the other.
 
     The world ends first, then the robots when they have learned all that it has done, the page,
     and the recorder.
@@ -158,7 +158,7 @@ class _TeamEnd:
         return not self.left
 
     def fail(self, error: Exception) -> None:
-        """Note an error, and end the nodes that failed; all nodes where it is of none of them."""
+        """Note an error, and end the nodes that failed, or all nodes if the error is no node's."""
         self.failures.append(error)
         failed = [node for node in self.left if node.failure is not None]
         self._end(failed or self.left[:])
@@ -168,7 +168,7 @@ class _TeamEnd:
             self.left.remove(node)
             try:
                 node.finish(interrupted=not node.done)
-            except Exception as error:  # the others save what they have all the same
+            except Exception as error:  # the other nodes still save their state
                 self.failures.append(error)
 
 
@@ -180,7 +180,7 @@ def _spin(
 ) -> bool:
     """Spin until every node has ended; return whether they were stopped before the run's end.
 
-    Each node says and saves what it has; the first error is raised then. One executor has all
+    Each node saves and reports; then the first error is raised. One executor has all
     nodes until the last has ended: a new executor would miss the messages that wait in this one.
     """
     end = _TeamEnd(nodes, stop)

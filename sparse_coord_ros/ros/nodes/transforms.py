@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames as REP 105 has them: how they are called, and how they are published.
 
-The frame `map` is everybody's. Those of a robot are `odom` and `base_link` below its name, and
-begin with the team's namespace, or with what the parameter `frame_prefix` says.
+All robots share the frame `map`. A robot's frames are `odom` and `base_link` below its name, with
+the team's namespace, or the parameter `frame_prefix`, in front.
 
 Transforms go to `tf` in the team's namespace, as Nav2's launch files have it, not to /tf: a team
 in a namespace has a clock of its own there, and transforms of several clocks in one topic are of
@@ -96,11 +96,11 @@ class HeardTransforms:
 
 
 class TransformPublisher:
-    """Publishes transforms, where tf2_msgs is installed.
+    """Publishes transforms, if tf2_msgs is installed.
 
     Args:
-        node: whose publisher it is.
-        topic: where.
+        node: the publisher's node.
+        topic: the topic.
     """
 
     def __init__(self, node: Node, topic: str = TF) -> None:

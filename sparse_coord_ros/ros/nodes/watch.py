@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node `watch`: reads what a team says, and shows it on a page in the browser.
+"""The node `watch`: reads a team's messages, and shows them on a page in the browser.
 
 The team never waits for it. It subscribes to the topics of a team in other processes. Inside a
 team's process it reads world and robots directly: taking every message would slow the team.
@@ -77,7 +77,7 @@ CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
 
 
 class Controls(Controlled):
-    """What a page asks for: calls of the world's services, and to halt also of the drivers'.
+    """Requests of a page: calls of the world's services, and to halt also of the drivers'.
 
     Args:
         node: calls.
@@ -127,7 +127,7 @@ class Controls(Controlled):
             return
         if not client.service_is_ready():
             self.view.notice(
-                f"nobody offers {client.srv_name}: the world is gone or starting"
+                f"service {client.srv_name} is missing: the world is gone or still starting"
             )
             return
         kind: Any = client.srv_type
@@ -252,8 +252,8 @@ class WatchNode(Follower):
 
     Attributes:
         server: the page's server.
-        controls: what the page asks for.
-        team: what is heard of the team; there is none before it has begun a run.
+        controls: handles the page's requests.
+        team: the team's messages; None before a run has begun.
 
     Raises:
         SparseCoordError: a bad parameter, a taken port.
@@ -288,7 +288,7 @@ class WatchNode(Follower):
         self.get_logger().info(f"watch it at {self.server.address}")
 
     def wait(self) -> None:
-        """Say that there is no team yet."""
+        """Report that no team has appeared yet."""
         self.controls.call()
         board = self.server.board
         if board.get("notice") is None:
@@ -319,7 +319,7 @@ class WatchNode(Follower):
         return run
 
     def world_said(self, said: RunStatus) -> None:
-        """Show the world's state, and compare what was heard with what it has done."""
+        """Show the world's state, and compare the received messages with it."""
         self._transitions = said.transitions
         view = self.team.view
         if view.state == "gone":
@@ -328,7 +328,7 @@ class WatchNode(Follower):
         self.team.compare(said)
 
     def go_on(self, now: float) -> None:
-        """Show what has happened."""
+        """Show new transitions."""
         self.controls.call()
         team = self.team
         team.tick()
@@ -348,7 +348,7 @@ class WatchNode(Follower):
             view.notice("the world is gone; the page waits for the next team")
 
     def all_done(self, now: float) -> bool:
-        """Return whether there is no next team to wait for: there may always be one."""
+        """Return False: the next team may always come."""
         return False
 
     def may_stop(self) -> bool:
@@ -358,7 +358,7 @@ class WatchNode(Follower):
 
 @dataclass
 class _Heard:
-    """What was heard of one time step, by robot.
+    """Messages received of one time step, by robot.
 
     Attributes:
         cells: the local states.
@@ -374,7 +374,7 @@ class _Heard:
 
 
 class HeardTeam:
-    """What is heard of one run's team by its topics.
+    """The messages of one run's team, by topic.
 
     Args:
         node: subscribes.
@@ -428,7 +428,7 @@ class HeardTeam:
 
     @property
     def pending(self) -> list[int]:
-        """The time steps of which something was heard and not yet taken in."""
+        """The time steps with messages that are not taken in yet."""
         return list(self._steps)
 
     def leave(self) -> None:
@@ -450,12 +450,13 @@ class HeardTeam:
         if not self._steps[step].cells:
             if self._newest is None and step != FIRST_STEP:
                 self._lack(
-                    f"heard from time step {step} on: the curves lack what was before"
+                    f"heard from time step {step} on: the curves lack earlier episodes"
                 )
             elif self._newest is not None and step <= self._newest:
                 self._forget(self._newest)
                 self._lack(
-                    "the run went back to a checkpoint: the curves hold what it took back"
+                    "the run went back to a checkpoint: the curves include episodes that were "
+                    "taken back"
                 )
             self._newest = step
             self._steps[step].since = self._ticks
@@ -463,26 +464,24 @@ class HeardTeam:
         self.catch_up()
 
     def compare(self, said: RunStatus) -> None:
-        """Compare what was heard with what the world says to have done, as soon as that can be."""
+        """Compare the received messages with the world's counts, as soon as possible."""
         self._said = said
         self.catch_up()
 
     def tick(self) -> None:
-        """Take in what need not be waited for any longer; called at each tick of the node."""
+        """Take in transitions whose waiting time is over; called at each tick of the node."""
         self._ticks += 1
         self.catch_up()
 
     def catch_up(self) -> None:
-        """Take in every transition of which all is there; what is late is waited for a moment.
+        """Take in every complete transition; wait a moment for late messages.
 
         A robot's states come in their order, but its action or reward may come after the next one:
         they are other topics.
         """
         if len(self._steps) > MOST_STEPS_HEARD:
             self._forget(max(self._steps))
-            self._lack(
-                "far more time steps were heard of than belong to a run: begun anew"
-            )
+            self._lack("more time steps were received than a run has: starting anew")
         while known := sorted(
             step for step, heard in self._steps.items() if heard.cells
         ):
@@ -525,7 +524,7 @@ class HeardTeam:
 
     def _lack_of(self, step: int) -> None:
         self._lack(
-            f"not all was heard up to time step {step}: the curves lack what was missed"
+            f"messages were missed up to time step {step}: the curves lack these episodes"
         )
 
     def _lack(self, text: str) -> None:

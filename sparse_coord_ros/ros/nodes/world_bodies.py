@@ -31,7 +31,7 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 
 class WorldBodies:
-    """Sends bodies and hears of them.
+    """Sends goals to bodies and receives their reports.
 
     Args:
         node: the world's node.
@@ -40,9 +40,9 @@ class WorldBodies:
         told_to_halt: called with the name of a robot whose driver halts by itself.
 
     Attributes:
-        game: what the bodies play.
-        side: sends them.
-        halt_word: what was last said to all drivers about halting.
+        game: the game of the bodies.
+        side: sends their goals.
+        halt_word: the last message to all drivers about halting.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class WorldBodies:
 
     @property
     def halted(self) -> bool:
-        """Whether all bodies are to stand."""
+        """True if all bodies are to stand."""
         return self.halt_word == HaltWord.HALT
 
     def halt(self, hold: bool) -> None:
@@ -128,7 +128,7 @@ class WorldBodies:
         return [heard.topic_name for heard in self._subscriptions]
 
     def look(self, now: float) -> None:
-        """Say for whose bodies the step waits; what takes too long counts as not moved."""
+        """Log the bodies that the step waits for; a late body counts as not moved."""
         side = self.side
         if self.halted:
             self._heard = now  # a halted body is not late
@@ -147,13 +147,13 @@ class WorldBodies:
         side.give_up()
         self._node.get_logger().warning(
             f"step {self.game.step}: no report from the driver of {names} for {limit:g} s "
-            "(body_timeout): taken for not moved",
+            "(body_timeout): counted as not moved",
             throttle_duration_sec=5.0,
         )
         self._there()
 
     def summary(self) -> dict[str, Any]:
-        """Return what happened, as plain data."""
+        """Return counts of events as plain data."""
         failed = self.side.failed
         lost = self.side.lost
         seconds = round(self.side.seconds, 3)

@@ -52,7 +52,7 @@ EVENTS = (
 )
 """What a world counts of its run's faults, its earlier processes included."""
 
-HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them go on"
+HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them continue"
 
 PROGRESS_SECONDS = 5.0
 """Between two lines of how far the run is."""
@@ -61,8 +61,8 @@ PROGRESS_SECONDS = 5.0
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
 
-    It opens when it has its name, begins when everybody is there, and then makes a time step when
-    all have acted.
+    It opens when it has its name, begins when all nodes are there, and then makes a time step when
+    all robots have acted.
 
     Args:
         place: where the node is made, and with what: see `Place`.
@@ -70,10 +70,10 @@ class WorldSimulator(ParameterNode):
     Attributes:
         run: the run.
         lockstep: the world's side of the lock step.
-        bodies: the robots' bodies; None: they have none.
-        topics: what it publishes.
-        guard: of its name, and of what it alone should have.
-        speed: how fast the run goes.
+        bodies: the robots' bodies; None: robots without bodies.
+        topics: its publishers.
+        guard: guards its name, topics and services.
+        speed: the speed of the run.
         returning: takes the team back where that is due; it exists once the world has opened.
 
     Raises:
@@ -116,17 +116,17 @@ class WorldSimulator(ParameterNode):
         self.create_timer(TICK_SECONDS, self._tick)
 
     def _services_of_robots(self) -> list[str]:
-        """Return the services of which each robot of the run should have one server."""
+        """Return the services that must have one server for each robot of the run."""
         offered = [services.ACTIVE_PERCEPTION]
         if self.run.improve:
             offered.append(services.LEARNED)
         return [service.of(name) for service in offered for name in self._names]
 
-    # What it is doing.
+    # Its state.
 
     @property
     def doing(self) -> str:
-        """What the world is doing: one of the states of `wire`."""
+        """The world's activity: one of the states of `wire`."""
         if self.done:
             return wire.RunState.FINISHED
         if self._stopped:
@@ -147,7 +147,7 @@ class WorldSimulator(ParameterNode):
 
     @property
     def _halted(self) -> bool:
-        """Whether all bodies are to stand."""
+        """True if all bodies are to stand."""
         return self.bodies is not None and self.bodies.halted
 
     def _say(self) -> None:
@@ -182,7 +182,7 @@ class WorldSimulator(ParameterNode):
         if left:
             return (
                 False,
-                f"{self.doing}; told, but not yet confirmed by the drivers of {left}",
+                f"{self.doing}; not yet confirmed by the drivers of {left}",
             )
         return True, self.doing
 
@@ -195,7 +195,7 @@ class WorldSimulator(ParameterNode):
         assert self.bodies is not None
         self.bodies.halt(hold)
         self._silence.begin(time.monotonic())
-        self.get_logger().warning(HALTED if hold else "the robots may go on")
+        self.get_logger().warning(HALTED if hold else "the robots may continue")
         self._say()
         self._advance_where_due()
 
@@ -243,7 +243,7 @@ class WorldSimulator(ParameterNode):
             self._report(now)
 
     def _open(self) -> None:
-        """Offer the services and tell everybody what the run is."""
+        """Offer the services and publish the run."""
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
@@ -272,7 +272,8 @@ class WorldSimulator(ParameterNode):
             if 0 < limit < now - self.born:
                 raise RunError(
                     f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
-                    "start each: ros2 run sparse_coord_ros recorder (the robots wait for it too), "
+                    "start each one: ros2 run sparse_coord_ros recorder (robots wait for it, "
+                    "too), "
                     f"or robot --ros-args -r __node:={self._names[0]}"
                 )
             return
@@ -313,7 +314,7 @@ class WorldSimulator(ParameterNode):
             self._wait_for_the_lost(now)
 
     def _wait_for_the_lost(self, now: float) -> None:
-        """Say for whom the world stands still; go on or end where the parameters say so."""
+        """Log which robots the world waits for; continue or end by the parameters."""
         side = self.lockstep
         silent = self._silence.lasts(now)
         stands = self._silence.stands(now)
@@ -321,7 +322,7 @@ class WorldSimulator(ParameterNode):
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if 0 < self.values["lost_timeout"] <= stands:
-            why = f"the world has stood still for {stands:.0f} s for {names}; everything is saved"
+            why = f"the world has waited for {stands:.0f} s for {names}; everything is saved"
             raise RunError(f"lost_timeout: step {side.world.step}: {why}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
@@ -330,12 +331,12 @@ class WorldSimulator(ParameterNode):
         what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
         if self.values["lost_robot"] == END:
             raise RunError(
-                f"lost_robot: {what}; this world ends the run, as it is told to"
+                f"lost_robot: {what}; this world ends the run (parameter lost_robot)"
             )
         if self.values["lost_robot"] == GO_ON and side.expire():
             self._silence.since = now
             self.get_logger().warning(
-                f"{what}; going on without", throttle_duration_sec=5.0
+                f"{what}; continuing without them", throttle_duration_sec=5.0
             )
             self._end_when_finished()
 

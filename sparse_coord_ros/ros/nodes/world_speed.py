@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast a world goes."""
+"""The speed of a world."""
 
 from sparse_coord_ros.core.game.game import Game
 
@@ -25,11 +25,11 @@ class WorldSpeed:
 
     @property
     def begun(self) -> bool:
-        """Whether the run has begun."""
+        """True if the run has begun."""
         return self._began is not None
 
     def begin(self, now: float) -> None:
-        """Begin: what was done before was done by another process."""
+        """Begin to measure; another process may have made the earlier steps."""
         self._began = (now, self._world.transitions)
         self.reported, self._transitions = self._began
 

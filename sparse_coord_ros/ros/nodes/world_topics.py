@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The world's topics: what it publishes, whose actions it hears, and who hears it."""
+"""The world's topics: its publishers, its subscriptions, and their peers in the graph."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -28,7 +28,7 @@ class WorldTopics:
     Args:
         node: the world's node.
         run: the run.
-        game: what is played.
+        game: the game.
         save: the port's `checkpoint`.
 
     Attributes:
@@ -69,7 +69,7 @@ class WorldTopics:
         self.actions: list[Any] = []
 
     def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
-        """Call `then` with a robot's number and what its actions say."""
+        """Call `then` with a robot's number and the content of its actions."""
         listen = self._node.subscriber.listen
         for k, name in enumerate(self._names):
             read = partial(self._read_action, k)
@@ -101,12 +101,12 @@ class WorldTopics:
         self._map_publisher.publish(self.convert.pack_map(step))
         self.show(scene=False)
 
-    # Who hears the world, and whom it hears.
+    # Subscribers of the world, and publishers to it.
 
     def missing(self) -> list[str]:
-        """Return the robots, and the recorder where one is to be, that do not listen yet.
+        """Return the robots, and the recorder if one is expected, that do not subscribe yet.
 
-        A robot of which all but one end is there comes with what it lacks.
+        A robot that lacks only one endpoint is returned with that endpoint.
         """
         heard_by = self._node.heard_by
         missing = []
@@ -143,21 +143,21 @@ class WorldTopics:
             for end in (*said, *self.states, *self.rewards, *self.actions)
         ]
 
-    # What else is said.
+    # Other messages.
 
     def start_anew(self) -> None:
         """Publish the clock with the next state, even where the run stands at its step already."""
         self._clock_step = -1
 
     def open(self, *, resumed: bool) -> None:
-        """Tell everybody what the run is."""
+        """Publish the run."""
         if not resumed:
             self.episode(0)
             self.show()
         self._run_publisher.publish(String(data=self._run.to_yaml()))
 
     def say(self, state: str, side: WorldSide, order: Order) -> None:
-        """Publish the status: what the world does, how far it is, and the order that stands."""
+        """Publish the status: the world's state, its progress, and the order to go back."""
         game = self._game
         counts = game.step, game.transitions, side.left_out
         values = RunStatus(self._run.id, state, *counts, side.began, order).values()

@@ -110,7 +110,7 @@ class BagSource(controls.Controlled):
         self.growing = self._grows()
         if self.log.empty:
             self.log.bag.close()
-            what = "its recorder has only begun; try again soon"
+            what = "its recording has just started; try again soon"
             what = what if self.growing else "see 'sparse_coord info'"
             raise BagError(f"{path}: holds no message to show: {what}")
         begin = self.log.begin()
@@ -184,7 +184,7 @@ class BagSource(controls.Controlled):
             best = shipped_asking_team(self.run.scenario)
             if best is not None:
                 lines.append(
-                    f"The best asking team found is worth {best.value:.2f} a robot."
+                    f"The return of the best asking team found is {best.value:.2f} a robot."
                 )
         elif read:
             first, since = self._key_steps.since(shown.robot, shown.cell)

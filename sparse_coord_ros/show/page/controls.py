@@ -17,10 +17,13 @@ PORT = 8765
 PAGE_SETTINGS = SettingTable(
     [
         Setting(
-            "host", str, HOST, "address to serve; another one lets other machines watch"
+            "host",
+            str,
+            HOST,
+            "address to serve the page on; 0.0.0.0: other machines can watch, too",
         ),
         Setting(
-            "port", int, PORT, "of the page; 0: one that is free", low=0, high=65535
+            "port", int, PORT, "port of the page; 0: any free port", low=0, high=65535
         ),
     ]
 )
@@ -113,7 +116,8 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
     value: Any = data.get("value")
     if not isinstance(name, str) or name not in allowed:
         raise SettingError(
-            f"control {str(name)[:40]!r}: is none here; allowed: {', '.join(allowed) or 'none'}"
+            f"control {str(name)[:40]!r}: does not exist here; allowed: "
+            f"{', '.join(allowed) or 'none'}"
         )
     if name == NEXT:
         return Control(name, _next(value))

@@ -231,7 +231,7 @@ def curve_fields(history: History) -> Message:
         "step": first[order][begins].tolist(),
         "length": means(history.length, every),
         "miscoordinations": means(history.miscoordinations, every),
-        "reward": means(history.reward, own),
+        "returns": means(history.returns, own),
         "asks": means(history.asks, own),
     }
 

@@ -224,7 +224,7 @@ class Page:
         except (ValueError, RecursionError):
             return {
                 "type": "error",
-                "text": "a message is a JSON object; this one is none",
+                "text": "a message must be a JSON object",
             }
 
     def _done(self, board: MessageBoard, data: Any) -> dict[str, Any]:
@@ -240,7 +240,7 @@ class Page:
         given = str(data.get("token")).encode(errors="replace")
         if not hmac.compare_digest(given, self.token.encode()):
             raise SettingError(
-                "controls need the address as it was printed, with what follows the #"
+                "controls need the whole address as printed, including the part after #"
             )
         if data.get("do") == "hello":
             return self._hello(control=True)
@@ -329,8 +329,8 @@ class Server:
         self.warning = ""
         if not is_loopback(host):
             self.warning = (
-                f"the page is served on {host}: whoever reaches this machine can watch, and who "
-                "has the whole address can control the run"
+                f"the page is served on {host}: everyone who reaches this machine can watch; "
+                "everyone with the whole address can control the run"
             )
 
     def close(self) -> None:

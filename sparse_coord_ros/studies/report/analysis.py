@@ -21,7 +21,7 @@ CONTRADICTION_ERRORS = 5.0
 """A number of the paper contradicts a bound that it exceeds by more standard errors than this."""
 
 SAME = 0.01
-"""Rewards that differ by less count as equal: far above rounding noise, below printed digits."""
+"""Returns that differ by less count as equal: far above rounding noise, below printed digits."""
 
 NEAR_MOVES = 2
 """Moves from a doorway that still count as near it."""
@@ -38,35 +38,35 @@ def errors_from(measure: Measure, exact: float) -> float:
 
 
 def agrees(ours: Measure, other: Measure) -> bool:
-    """Whether two means differ by no more than `AGREE` standard errors of their difference."""
+    """True if two means differ by no more than `AGREE` standard errors of their difference."""
     error = math.hypot(ours.standard_error, other.standard_error)
     return abs(ours.mean - other.mean) <= AGREE * error
 
 
 def loss_alone(result: ConditionResult) -> Measure:
-    """Return by how much the reward falls short of that of robots each alone on the map.
+    """Return the loss of return against robots that are each alone on the map.
 
-    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
+    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the return, the
     loss does not depend on the lengths of the paths.
     """
-    reward = result.best("reward")
-    loss = independent_bound(result.scenario) - reward.mean
-    return Measure(loss, reward.spread, reward.standard_error)
+    returns = result.best("returns")
+    loss = independent_bound(result.scenario) - returns.mean
+    return Measure(loss, returns.spread, returns.standard_error)
 
 
 def above_optimum(result: ConditionResult) -> bool:
-    """Whether the paper's reward exceeds what any joint policy can reach."""
-    printed = paper(result, "reward")
+    """True if the paper's return exceeds that of every joint policy."""
+    printed = paper(result, "returns")
     return (
         printed is not None
         and errors_from(printed, result.optimum) > CONTRADICTION_ERRORS
     )
 
 
-def implied_reward(result: ConditionResult) -> Measure | None:
-    """Return the reward that the paper's own number of miscoordinations implies.
+def implied_return(result: ConditionResult) -> Measure | None:
+    """Return the return that the paper's own number of miscoordinations implies.
 
-    What one miscoordination costs is taken from the exact values of shortest-path policies, which
+    The cost of one miscoordination follows from the exact values of shortest-path policies, which
     miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
     None if there is nothing to compare, or if the learner pays for asking.
     """
@@ -75,7 +75,7 @@ def implied_reward(result: ConditionResult) -> Measure | None:
     if counted is None or result.learner.asks or not exact["miscoordinations"]:
         return None
     alone = independent_bound(result.scenario)
-    cost = (alone - exact["reward"]) / exact["miscoordinations"]
+    cost = (alone - exact["returns"]) / exact["miscoordinations"]
     return Measure(
         alone - cost * counted.mean,
         cost * counted.spread,
@@ -84,9 +84,9 @@ def implied_reward(result: ConditionResult) -> Measure | None:
 
 
 def contradicts_itself(result: ConditionResult) -> bool:
-    """Whether the paper's reward does not follow from its own number of miscoordinations."""
-    implied = implied_reward(result)
-    printed = paper(result, "reward")
+    """True if the paper's return does not fit its own number of miscoordinations."""
+    implied = implied_return(result)
+    printed = paper(result, "returns")
     if implied is None or printed is None:
         return False
     error = math.hypot(implied.standard_error, printed.standard_error)
@@ -94,14 +94,14 @@ def contradicts_itself(result: ConditionResult) -> bool:
 
 
 def is_shortest(result: ConditionResult) -> bool:
-    """Whether the reward agrees with the exact value of shortest-path policies.
+    """Return whether the return agrees with the exact value of shortest-path policies.
 
-    Where all runs came to the same route there is no standard error: equal routes may differ by
-    less than `SAME`.
+    If all runs learned the same route the standard error is 0; then values may differ by less
+    than `SAME`.
     """
-    reward = result.best("reward")
-    exact = result.reference["reward"]
-    return abs(reward.mean - exact) < SAME or abs(errors_from(reward, exact)) <= AGREE
+    returns = result.best("returns")
+    exact = result.reference["returns"]
+    return abs(returns.mean - exact) < SAME or abs(errors_from(returns, exact)) <= AGREE
 
 
 def paired(values: np.ndarray) -> Measure:
@@ -111,25 +111,25 @@ def paired(values: np.ndarray) -> Measure:
 
 
 def difference(
-    result: ConditionResult, other: ConditionResult, measure: str = "reward"
+    result: ConditionResult, other: ConditionResult, measure: str = "returns"
 ) -> Measure:
-    """Return by how much a measure is greater than in another condition, run by run."""
+    """Return the difference of a measure from another condition, run by run."""
     return paired(result.run_means(measure) - other.run_means(measure))
 
 
 def surely_better(result: ConditionResult, baseline: ConditionResult) -> bool:
-    """Whether the reward surely exceeds shortest paths' and a learned baseline's, run by run."""
-    above_paths = surely_above(result.best("reward"), result.reference["reward"])
+    """True if the return surely exceeds shortest paths' and a learned baseline's, run by run."""
+    above_paths = surely_above(result.best("returns"), result.reference["returns"])
     return above_paths and surely_above(difference(result, baseline))
 
 
 def surely_above(measure: Measure, exact: float = 0.0) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors above a value."""
+    """True if a mean lies more than `AGREE` standard errors above a value."""
     return errors_from(measure, exact) > AGREE
 
 
 def surely_below(measure: Measure, exact: float = 0.0) -> bool:
-    """Whether a mean lies more than `AGREE` standard errors below a value."""
+    """True if a mean lies more than `AGREE` standard errors below a value."""
     return errors_from(measure, exact) < -AGREE
 
 
@@ -142,8 +142,8 @@ def gap_closed(
     by the gap; the optimum is exact. None if the baseline leaves no gap.
 
     Args:
-        coop: mean reward of each run.
-        baseline: mean reward of each run, paired with those of `coop`; or an exact value.
+        coop: mean return of each run.
+        baseline: mean return of each run, paired with those of `coop`; or an exact value.
         optimum: the joint optimum.
     """
     base = np.broadcast_to(baseline, coop.shape)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all figures share: the style of each line, the axes, the legend, and how they are saved."""
+"""Shared parts of all figures: the style of each line, the axes, the legend, and saving."""
 
 import base64
 import io
@@ -22,13 +22,13 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS
 
 LABELS = {
-    "reward": "total discounted reward",
+    "returns": "return of a robot",
     "time_to_goal": "time to goal [steps]",
     "miscoordinations": "miscoordinations\nper episode",
     "asks": "COORDINATE per\nrobot and episode",
     "loss": "loss against\nrobots alone",
-    "variance": "variance of the reward",
-    "gain": "reward above\nNon-coop. (paired)",
+    "variance": "variance of the return",
+    "gain": "return above\nNon-coop. (paired)",
     "share": "share of the gap",
     "bytes": "$Q^C$ of one robot [bytes]",
 }
@@ -38,7 +38,7 @@ LOGARITHMIC = {"penalty", "steps", "bytes", "loss", "variance"}
 """Settings and measures with a logarithmic axis in every figure. All others have a linear one."""
 
 LEAST_SPANS = {
-    "reward": 0.5,
+    "returns": 0.5,
     "time_to_goal": 0.5,
     "miscoordinations": 0.2,
     "asks": 0.2,
@@ -252,7 +252,7 @@ def draw_points(axes: Axes, data: pd.DataFrame, x: str, names: Sequence[str]) ->
 
 
 def _references(data: pd.DataFrame) -> list[str]:
-    """Return which references the data have values of."""
+    """Return the references for which the data have values."""
     return [name for name in REFERENCES if name in data and data[name].notna().any()]
 
 
@@ -315,7 +315,7 @@ def _far_apart(values: Sequence[float], places: Sequence[float]) -> list[float]:
 def finish_measure(panels: Sequence[Axes], measure: str) -> None:
     """Make the vertical axes of a measure's panels comparable.
 
-    All get the same limits, so that a small difference looks small. Those of the reward get the
+    All get the same limits, so that a small difference looks small. Those of the return get the
     same length only, as its level depends on the scenario.
 
     Args:
@@ -328,7 +328,7 @@ def finish_measure(panels: Sequence[Axes], measure: str) -> None:
         for axes in panels:
             axes.ticklabel_format(axis="y", useOffset=False)
     limits = [axes.get_ylim() for axes in panels]
-    if measure == "reward":
+    if measure == "returns":
         length = max(LEAST_SPANS[measure], *(high - low for low, high in limits))
         for axes, (low, high) in zip(panels, limits, strict=True):
             middle = (low + high) / 2
@@ -366,7 +366,7 @@ def label_axes(
         panels: the panels of a measure, row by row.
         columns: panels of a row.
         measure: one of `LABELS`.
-        xlabel: what stands on the horizontal axis; empty: nothing is written.
+        xlabel: label of the horizontal axis; empty: no label.
     """
     for axes in panels[::columns]:
         axes.set_ylabel(_scaled(LABELS[measure], "\n", measure in LOGARITHMIC))

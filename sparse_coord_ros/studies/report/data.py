@@ -25,7 +25,7 @@ PAPER_SETTINGS = (("penalty", "-20"),)
 PAPER_TRIALS = 1000
 """Monte-Carlo trials behind each number of the paper (Section 4)."""
 
-PAPER = ("reward", "time_to_goal", "miscoordinations")
+PAPER = ("returns", "time_to_goal", "miscoordinations")
 """Measures that the paper prints."""
 
 PROPERTIES = (
@@ -55,7 +55,7 @@ def best_asking_team(result: ConditionResult) -> float | None:
 
 
 def best_team(result: ConditionResult) -> float | None:
-    """Return the value of the best learned team of more than two robots; None if not known."""
+    """Return the value of the best team found by learning, of more than two robots, or None."""
     team = shipped_best_team(result.scenario)
     return team.value if team else None
 

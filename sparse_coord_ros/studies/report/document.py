@@ -20,12 +20,12 @@ from sparse_coord_ros.studies.report.charts import save
 from sparse_coord_ros.studies.report.data import to_csv
 from sparse_coord_ros.studies.report.figures import DRAWN, figures_of
 from sparse_coord_ros.studies.report.reasons import misses, provenances
-from sparse_coord_ros.studies.report.sections import SECTIONS, Claim, reward_claims
+from sparse_coord_ros.studies.report.sections import SECTIONS, Claim, return_claims
 from sparse_coord_ros.studies.report.text import named, of, steps, to_markdown
 from sparse_coord_ros.studies.store import ConditionResult, Plan, write_result
 
-REWARDS = {"table1": "Table 1", "table3": "Table 3"}
-"""The experiments that reproduce a table of rewards, and the table's name in the paper."""
+RETURNS = {"table1": "Table 1", "table3": "Table 3"}
+"""The experiments that reproduce a table of returns, and the table's name in the paper."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class ReportedExperiment:
     """One experiment of the report.
 
     Attributes:
-        name: what `reproduce` calls it.
-        title: what it shows.
+        name: its name for `reproduce`.
+        title: its title.
         results: the result of each of its conditions.
         table: its table, as of `Section`.
         intro: Markdown before the table.
@@ -118,7 +118,7 @@ def findings(
 ) -> Findings:
     """Return the content of the report; arguments as of `write_report`."""
     results = {one.name: [found[each.id] for each in one.conditions] for one in chosen}
-    claims = _claims_on_rewards(results)
+    claims = _claims_on_returns(results)
     parts = []
     for one in chosen:
         own = results[one.name]
@@ -136,7 +136,7 @@ def findings(
         parts.append(
             ReportedExperiment(one.name, one.title, own, section.table, intro, notes)
         )
-    shown = [one for name in REWARDS for one in results.get(name, ())]
+    shown = [one for name in RETURNS for one in results.get(name, ())]
     missed = misses(shown)
     return Findings(
         plan,
@@ -182,21 +182,21 @@ def _game(result: ConditionResult) -> str:
     return f"penalty {scenario.penalty:g}, {steps(scenario)} learning steps"
 
 
-def _claims_on_rewards(
+def _claims_on_returns(
     results: Mapping[str, Sequence[ConditionResult]],
 ) -> list[Claim]:
-    """Return the claims on all tables of rewards together; empty without such a table."""
-    tables = [name for name in REWARDS if name in results]
+    """Return the claims on all tables of returns together; empty without such a table."""
+    tables = [name for name in RETURNS if name in results]
     if not tables:
         return []
-    numbers = [REWARDS[name].removeprefix("Table ") for name in tables]
+    numbers = [RETURNS[name].removeprefix("Table ") for name in tables]
     source = f"Table{'s' * (len(tables) - 1)} {' and '.join(numbers)}"
     shown = [one for name in tables for one in results[name]]
     # Table 2 has the conditions of Table 1.
     elsewhere = {
-        name: own for name, own in results.items() if name not in (*REWARDS, "table2")
+        name: own for name, own in results.items() if name not in (*RETURNS, "table2")
     }
-    return reward_claims(source, shown, elsewhere)
+    return return_claims(source, shown, elsewhere)
 
 
 def _claims_table(claims: Iterable[Claim], *, judged: bool) -> pd.DataFrame:

@@ -48,7 +48,7 @@ from sparse_coord_ros.studies.report.when_figures import when, when_more
 from sparse_coord_ros.studies.standings import standings
 from sparse_coord_ros.studies.store import ConditionResult
 
-SWEPT_MEASURES = ("reward", "miscoordinations", "asks")
+SWEPT_MEASURES = ("returns", "miscoordinations", "asks")
 """What `swept_figure` shows of conditions."""
 
 MOST_COLUMNS = 4
@@ -71,7 +71,7 @@ def beside_paper(
         results: the conditions.
         measures: a panel for each of these and each scenario.
         bars: the field of a measure that its bar shows.
-        said: what the legend says of the bars.
+        said: the legend's text for the bars.
     """
     scenarios = by_scenario(results)
     figure, panels = panel_grid(len(measures) * len(scenarios), columns=3)
@@ -104,20 +104,20 @@ def ask_cost(results: Results) -> Figure:
     scenarios = by_scenario(results)
     columns = len(scenarios)
     figure, panels = panel_grid(2 * columns, columns)
-    rewards = panels[:columns]
+    upper = panels[:columns]
     asks = panels[columns:]
     for number, own in enumerate(scenarios):
         coop = pick(own, learner="coop")
         [base] = pick(own, learner="noncoop")
-        reward = measured(coop, "reward")
-        reward[BASELINE] = base.best("reward").mean
-        draw_lines(rewards[number], reward, "ask_cost")
+        returns = measured(coop, "returns")
+        returns[BASELINE] = base.best("returns").mean
+        draw_lines(upper[number], returns, "ask_cost")
         draw_lines(asks[number], measured(coop, "asks"), "ask_cost")
-        for axes in (rewards[number], asks[number]):
+        for axes in (upper[number], asks[number]):
             axes.set_title(base.scenario.name, fontsize=11)
-    label_axes(rewards, columns, "reward")
+    label_axes(upper, columns, "returns")
     label_axes(asks, columns, "asks", "ask_cost")
-    finish_measure(rewards, "reward")
+    finish_measure(upper, "returns")
     finish_measure(asks, "asks")
     add_legend(figure, ERRORS.format(runs=results[0].runs) + NESTED_TEXT)
     return figure
@@ -130,23 +130,23 @@ def perception(results: Results) -> Figure:
     drawn = [one for one in results if one.scenario.perception.kind == "probability"]
     placed = [one for one in results if one.scenario.perception.kind != "probability"]
     rows = [panels[at * columns : (at + 1) * columns] for at in range(4)]
-    for row, measure in zip(rows[:2], ("reward", "asks"), strict=True):
+    for row, measure in zip(rows[:2], ("returns", "asks"), strict=True):
         for axes, own in zip(row, by_scenario(drawn), strict=True):
             data = measured(own, measure)
             data["chance"] = [one.scenario.perception.numbers[0] for one in own]
             draw_lines(axes, data, "chance")
             axes.set_title(own[0].scenario.name, fontsize=11)
-    for row, measure in zip(rows[2:], ("reward", "asks"), strict=True):
+    for row, measure in zip(rows[2:], ("returns", "asks"), strict=True):
         for axes, own in zip(row, by_scenario(placed), strict=True):
             data = measured(own, measure)
             data["place"] = [_place_name(one) for one in own]
             draw_points(axes, data, "place", _place_names(placed))
             axes.set_title(f"{own[0].scenario.name}, by place", fontsize=11)
-    label_axes(rows[0], columns, "reward")
+    label_axes(rows[0], columns, "returns")
     label_axes(rows[1], columns, "asks", "probability of a percept")
-    label_axes(rows[2], columns, "reward")
+    label_axes(rows[2], columns, "returns")
     label_axes(rows[3], columns, "asks", "range [cells]; sight: line of sight")
-    finish_measure(rows[0] + rows[2], "reward")
+    finish_measure(rows[0] + rows[2], "returns")
     finish_measure(rows[1] + rows[3], "asks")
     add_legend(figure, ERRORS.format(runs=results[0].runs) + NESTED_TEXT)
     return figure
@@ -169,7 +169,7 @@ def crowd(results: Results) -> Figure:
     """Draw six measures against the number of robots."""
     asking = [one for one in results if one.learner.asks]
     data = {
-        "reward": _crowd_data(results, "reward"),
+        "returns": _crowd_data(results, "returns"),
         "loss": _crowd_data(results, "loss"),
         "gain": _crowd_gains(results),
         "miscoordinations": _crowd_data(results, "miscoordinations"),
@@ -191,12 +191,12 @@ def _crowd_data(results: Results, measure: str) -> pd.DataFrame:
     data = measured(results, measure)
     data["line"] = [crowd_line(one) for one in results]
     data["robots"] = [len(one.scenario.robots) for one in results]
-    # The best asking team is known for two robots only: that is no line.
+    # The best asking team is known for two robots only, which makes no line.
     return data.drop(columns=BEST_ASKING, errors="ignore")
 
 
 def _crowd_gains(results: Results) -> pd.DataFrame:
-    """Return by how much each way to coordinate is worth more than Non-coop., run by run."""
+    """Return the gain of each way to coordinate over Non-coop., run by run."""
     sizes = [len(one.scenario.robots) for one in pick(results, learner="noncoop")]
     points = []
     for line, gains in crowd_gains(results).items():
@@ -227,7 +227,7 @@ def crowd_line(result: ConditionResult) -> str:
 
 
 def crowd_gains(results: Results) -> dict[str, list[Measure]]:
-    """Return by how much each way to coordinate is worth more than Non-coop., by team size."""
+    """Return the gain of each way to coordinate over Non-coop., by team size."""
     base = pick(results, learner="noncoop")
     coop = pick(results, learner="coop")
     ways = {
@@ -280,7 +280,7 @@ def swept_figure(
         measures: of `LABELS`.
 
     Raises:
-        SettingError: the conditions do not differ in `x`, or there is no such measure.
+        SettingError: the conditions do not differ in `x`, or the measure is unknown.
     """
     results = [one for own in by_scenario(results) for one in own]
     varied = _varied(results)
@@ -341,7 +341,7 @@ def _panel_title(result: ConditionResult, settings: Sequence[str]) -> str:
 
 
 MEASURABLE = (
-    "reward",
+    "returns",
     "time_to_goal",
     "miscoordinations",
     "asks",
@@ -354,7 +354,7 @@ MEASURABLE = (
 def measured(
     results: Results, measure: str, bars: str = "standard_error"
 ) -> pd.DataFrame:
-    """Return the points of conditions, one a row, as `draw_lines` and `draw_points` take them.
+    """Return the points of conditions, one per row, for `draw_lines` and `draw_points`.
 
     The columns are `line` (the learner), `value`, `low` and `high` (lengths of the bar), `side`,
     the scenario's settings, and what the value is compared with: the joint optimum, or its bound
@@ -383,7 +383,7 @@ def measured(
 
 
 def side_of(learner: str) -> float:
-    """Return by how many marks a learner's points stand to the right of their name."""
+    """Return the offset of a learner's points to the right of their name, in marks."""
     return (
         REPORTED_LEARNERS.index(learner) - 1.5 if learner in REPORTED_LEARNERS else 0.0
     )
@@ -394,14 +394,14 @@ def measure_of(result: ConditionResult, name: str) -> Measure:
     if name == "loss":
         return loss_alone(result)
     if name == "variance":
-        return Measure(result.best("reward").spread ** 2, math.nan, 0.0)
+        return Measure(result.best("returns").spread ** 2, math.nan, 0.0)
     return result.best(name)
 
 
 def value_and_bar(measure: Measure, name: str, bars: str) -> dict[str, float]:
     """Return the value and the lengths of its bar; no bar leads below 0 where no value can."""
     error = getattr(measure, bars)
-    signed = name in ("reward", "loss", "gain", "share")
+    signed = name in ("returns", "loss", "gain", "share")
     low = error if signed else min(error, measure.mean)
     return {"value": measure.mean, "low": low, "high": error}
 
@@ -414,12 +414,12 @@ def compared_with(
     Args:
         result: the condition.
         measure: one of `MEASURABLE`.
-        optimum: what the line of the joint optimum is called.
+        optimum: name of the joint optimum's line.
     """
-    if measure not in ("reward", "loss"):
+    if measure not in ("returns", "loss"):
         known = measure in result.reference
         return {SHORTEST: result.reference[measure]} if known else {}
-    values = {SHORTEST: result.reference["reward"], optimum: result.optimum}
+    values = {SHORTEST: result.reference["returns"], optimum: result.optimum}
     asking = best_asking_team(result)
     if result.learner.asks and asking is not None:
         values[BEST_ASKING] = asking
@@ -434,7 +434,7 @@ Draw = Callable[[Results], Figure]
 DRAWN: Mapping[str, Mapping[str, Draw]] = {
     "table1": {
         "table1": partial(
-            beside_paper, measures=["reward"], bars="spread", said=SPREADS
+            beside_paper, measures=["returns"], bars="spread", said=SPREADS
         )
     },
     "table2": {
@@ -447,7 +447,7 @@ DRAWN: Mapping[str, Mapping[str, Draw]] = {
     },
     "table3": {
         "table3": partial(
-            beside_paper, measures=["reward"], bars="spread", said=SPREADS
+            beside_paper, measures=["returns"], bars="spread", said=SPREADS
         )
     },
     "figure4": {
@@ -456,7 +456,7 @@ DRAWN: Mapping[str, Mapping[str, Draw]] = {
     },
     "penalty100": {
         "penalty100": partial(
-            beside_paper, measures=["reward"], bars="standard_error", said=ERRORS
+            beside_paper, measures=["returns"], bars="standard_error", said=ERRORS
         )
     },
     "ask_cost": {"ask_cost": ask_cost},

@@ -15,7 +15,7 @@ from sparse_coord_ros.studies.report.analysis import (
     agrees,
     contradicts_itself,
     errors_from,
-    implied_reward,
+    implied_return,
     is_shortest,
 )
 from sparse_coord_ros.studies.report.data import paper, pick
@@ -27,14 +27,14 @@ def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:
     """Return the paper's rows that are not reproduced or impossible, each with the reason."""
     rows = []
     for one in results:
-        printed = paper(one, "reward")
+        printed = paper(one, "returns")
         if printed is None or _is_reproduced(one, printed):
             continue
         rows.append(
             {
                 "scenario": one.scenario.name,
                 "learner": one.learner.title,
-                "ours": f"{one.best('reward').mean:.2f}",
+                "ours": f"{one.best('returns').mean:.2f}",
                 "paper": f"{printed.mean:.2f}",
                 "why": _reason(one, printed),
             }
@@ -43,13 +43,13 @@ def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:
 
 
 def _is_reproduced(result: ConditionResult, printed: Measure) -> bool:
-    """Whether our reward agrees with the paper's, and the paper's is possible."""
+    """True if our return agrees with the paper's, and the paper's is possible."""
     possible = not (above_optimum(result) or contradicts_itself(result))
-    return possible and agrees(result.best("reward"), printed)
+    return possible and agrees(result.best("returns"), printed)
 
 
 def _reason(result: ConditionResult, printed: Measure) -> str:
-    """Return why the paper's reward of a row is not reproduced."""
+    """Return why the paper's return of a row is not reproduced."""
     best = result.optimum
     alone = independent_bound(result.scenario)
     bound = (
@@ -60,17 +60,17 @@ def _reason(result: ConditionResult, printed: Measure) -> str:
     if above_optimum(result):
         text = f"The paper's row lies above the {bound} {best:.2f}: no policy can reach it."
         return text + f" It equals, within its sampling error, {untouched}." * ideal
-    implied = implied_reward(result)
+    implied = implied_return(result)
     turning = _turning(result)
     counted = paper(result, "miscoordinations")
     if counted and implied and contradicts_itself(result):
         return (
             f"The paper's row contradicts its own Table 2, whose {counted.mean:.2f} "
-            f"miscoordinations imply a reward of about {implied.mean:.1f}.{turning}"
+            f"miscoordinations imply a return of about {implied.mean:.1f}.{turning}"
         )
     if result.condition.learner == "indiv" and is_shortest(result):
         return (
-            f"Ours agrees with the exact {result.reference['reward']:.2f} of shortest-path "
+            f"Ours agrees with the exact {result.reference['returns']:.2f} of shortest-path "
             "policies that break ties at random; the paper does not say how it breaks "
             f"ties.{turning}"
         )
@@ -82,7 +82,7 @@ def _reason(result: ConditionResult, printed: Measure) -> str:
         )
     elif result.condition.learner == "noncoop" and turning:
         text = turning.strip()
-    ours = percent(result.best("reward").mean / best)
+    ours = percent(result.best("returns").mean / best)
     return f"{text} The paper's row is {percent(printed.mean / best)} of the {bound}, ours {ours}."
 
 
@@ -100,7 +100,7 @@ def _turning(result: ConditionResult) -> str:
         return ""
     return (
         f" Robots that all keep right where routes are equally short are worth exactly "
-        f"{same.reward:.2f} with {same.miscoordinations:.2f} miscoordinations: the paper's "
+        f"{same.returns:.2f} with {same.miscoordinations:.2f} miscoordinations: the paper's "
         f"{counted.mean:.2f} says that its learners turned alike."
     )
 

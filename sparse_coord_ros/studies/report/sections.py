@@ -100,10 +100,10 @@ class Claim:
 
     Attributes:
         text: the claim.
-        source: who makes it.
+        source: its source.
         measured: our measurement.
-        holds: in how many cases the claim holds.
-        cases: how many cases there are.
+        holds: number of cases in which the claim holds.
+        cases: number of cases.
     """
 
     text: str
@@ -130,12 +130,12 @@ class Section:
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
-def rewards(source: str, results: Results) -> Section:
+def returns(source: str, results: Results) -> Section:
     """Return Table 1 or Table 3: the total discounted reward.
 
     Args:
-        source: what the paper calls the table.
-        results: those of its conditions.
+        source: the table's name in the paper.
+        results: the results of its conditions.
     """
     rows = []
     silent = {}
@@ -144,22 +144,22 @@ def rewards(source: str, results: Results) -> Section:
         rows.append(
             {
                 "scenario": coop.scenario.name,
-                **_beside_paper(own, "reward"),
+                **_beside_paper(own, "returns"),
                 "best asking team found": bound_of(coop),
                 "joint optimum": optimum_of(coop),
             }
         )
         if coop.best("asks").mean < RARE:
-            gain = max(0.0, coop.optimum - coop.reference["reward"])
+            gain = max(0.0, coop.optimum - coop.reference["returns"])
             silent[coop.scenario.name] = f"({gain:.2f})"
-    agree, printed = _as_paper(results, "reward")
+    agree, printed = _as_paper(results, "returns")
     rejected = [
         one
         for one in results
         if analysis.above_optimum(one) or analysis.contradicts_itself(one)
     ]
     claim = Claim(
-        "The mean rewards",
+        "The mean returns",
         source,
         f"{of(agree, printed)} rows agree; rows of the paper that exceed the exact optimum or "
         f"contradict its own Table 2: {len(rejected)}",
@@ -174,7 +174,7 @@ def rewards(source: str, results: Results) -> Section:
         "bytes": f"{size(min(sizes))} to {size(max(sizes))}",
         "silent": silent,
     }
-    return Section("rewards.md.j2", pd.DataFrame(rows), [claim], values)
+    return Section("returns.md.j2", pd.DataFrame(rows), [claim], values)
 
 
 def table2(results: Results) -> Section:
@@ -221,7 +221,7 @@ def _beside_paper(own: Results, measure: str) -> dict[str, str]:
 
 
 def _as_paper(results: Results, measure: str) -> tuple[int, int]:
-    """Return how many rows of the paper agree with ours, and how many there are."""
+    """Return the number of the paper's rows that agree with ours, and of all rows."""
     agreeing = []
     for one in results:
         printed = paper(one, measure)
@@ -230,7 +230,7 @@ def _as_paper(results: Results, measure: str) -> tuple[int, int]:
     return sum(agreeing), len(agreeing)
 
 
-def reward_claims(
+def return_claims(
     source: str,
     results: Results,
     elsewhere: Mapping[str, Results] = MappingProxyType({}),
@@ -266,7 +266,7 @@ def _against_baselines(source: str, results: Results) -> Claim:
     for own in scenarios:
         [coop] = pick(own, learner="coop")
         baselines = [one for one in own if not one.learner.asks]
-        best = max(baselines, key=lambda one: one.best("reward").mean)
+        best = max(baselines, key=lambda one: one.best("returns").mean)
         lead = difference(coop, best)
         if surely_above(lead):
             more[best.scenario.name] = signed(lead)
@@ -307,14 +307,14 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
 
 
 def failed(results: Iterable[ConditionResult]) -> str:
-    """Return how many teams fail, of how many."""
+    """Return the number of failed teams, and of all teams."""
     results = list(results)
     failing = sum(one.failed_teams for one in results)
     return of(failing, sum(one.runs for one in results))
 
 
 def figure4(results: Results) -> Section:
-    """Return by how much the reward falls from the least penalty to the greatest, run by run."""
+    """Return the fall of the return from the least penalty to the greatest, run by run."""
     rows = []
     coop_falls = []
     steady = 0
@@ -345,7 +345,7 @@ def figure4(results: Results) -> Section:
             falls[free.scenario.name] = (float(lost["factored"].mean()), bound)
     lowest = f"{min(one.scenario.penalty for one in results):g}"
     constant = Claim(
-        "The reward of Coop. stays about the same while the penalty grows, and that of the "
+        "The return of Coop. stays about the same while the penalty grows, and that of the "
         "baselines falls",
         "Figure 4",
         f"from 0 to {lowest} Coop. loses {min(coop_falls):.1f} to {max(coop_falls):.1f}; surely "
@@ -375,19 +375,19 @@ def _ends(
 
 
 def _fall(results: Results) -> np.ndarray:
-    """Return the reward that the largest penalty costs in each run, shape (runs,)."""
+    """Return the return that the largest penalty costs in each run, shape (runs,)."""
     dear, free = _ends(results, lambda one: one.scenario.penalty)
-    lost: np.ndarray = free.run_means("reward") - dear.run_means("reward")
+    lost: np.ndarray = free.run_means("returns") - dear.run_means("returns")
     return lost
 
 
 def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Claim:
-    """Return whether Factored stays within the limits that were set.
+    """Return whether Factored stays within the set limits.
 
     Args:
         lowest: the hardest penalty.
-        falls: what Factored and what the best asking team found lose from a penalty of 0 to the
-            hardest one, by scenario; NaN where no such team is known.
+        falls: losses of Factored and of the best asking team found from a penalty of 0 to the
+            hardest one, by scenario; NaN if no such team is known.
     """
     judged = {}
     within = 0
@@ -424,23 +424,23 @@ def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Cl
 
 
 def penalty100(results: Results) -> Section:
-    """Return how much of the gap to the optimum the learners that ask close."""
+    """Return the share of the gap that the asking learners close."""
     rows = []
     coop_closed = {}
     factored_closed = {}
     for own in by_scenario(results):
         [base] = pick(own, learner="noncoop")
-        shortest = base.reference["reward"]
-        learned = base.run_means("reward")
-        paths_are_better = shortest >= base.best("reward").mean
+        shortest = base.reference["returns"]
+        learned = base.run_means("returns")
+        paths_are_better = shortest >= base.best("returns").mean
         for one in own:
             if not one.learner.asks:
                 continue
-            reward = one.run_means("reward")
-            closed = gap_closed(reward, learned, one.optimum)
-            from_paths = gap_closed(reward, shortest, one.optimum)
+            returns = one.run_means("returns")
+            closed = gap_closed(returns, learned, one.optimum)
+            from_paths = gap_closed(returns, shortest, one.optimum)
             best = best_asking_team(one)
-            to_best = None if best is None else gap_closed(reward, learned, best)
+            to_best = None if best is None else gap_closed(returns, learned, best)
             if one.condition.learner == "coop":
                 coop_closed[base.scenario.name] = closed
             else:
@@ -449,8 +449,8 @@ def penalty100(results: Results) -> Section:
                 {
                     "scenario": base.scenario.name,
                     "learner": one.learner.title,
-                    "reward (s.e.)": with_error(one.best("reward")),
-                    "Non-coop.": with_error(base.best("reward")),
+                    "return (s.e.)": with_error(one.best("returns")),
+                    "Non-coop.": with_error(base.best("returns")),
                     "shortest paths": f"{shortest:.2f}",
                     "best asking team found": bound_of(one),
                     "joint optimum": optimum_of(one),
@@ -497,7 +497,7 @@ def _gap_claim(
 
 
 def ask_cost(results: Results) -> Section:
-    """Return what Coop. does at the lowest and at the highest cost, and while asking pays."""
+    """Return Coop.'s results at the lowest and highest cost, and while asking pays."""
     rows = []
     told = {}
     fewer = []
@@ -514,9 +514,9 @@ def ask_cost(results: Results) -> Section:
                 "scenario": base.scenario.name,
                 f"asks at {at_free}": with_error(free.best("asks")),
                 f"asks at {at_dear}": with_error(dear.best("asks")),
-                f"reward at {at_free}": with_error(free.best("reward")),
-                f"reward at {at_dear}": with_error(dear.best("reward")),
-                "Non-coop.": with_error(base.best("reward")),
+                f"return at {at_free}": with_error(free.best("returns")),
+                f"return at {at_dear}": with_error(dear.best("returns")),
+                "Non-coop.": with_error(base.best("returns")),
                 "shortest paths": shortest_paths_of(base),
                 "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
             }
@@ -536,13 +536,13 @@ def ask_cost(results: Results) -> Section:
 
 
 def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
-    """Return how many measures surely exceed 0, and of how many."""
+    """Return the number of measures that surely exceed 0, and of all measures."""
     found = [surely_above(one) for one in measures]
     return sum(found), len(found)
 
 
 def perception(results: Results) -> Section:
-    """Return what Coop. earns if no percept succeeds, if all do, and in line of sight."""
+    """Return Coop.'s return if all percepts fail, if all succeed, and in line of sight."""
     rows = []
     gains = {}
     for own in by_scenario(results):
@@ -550,20 +550,20 @@ def perception(results: Results) -> Section:
         seen = [one for one in own if one.scenario.perception.kind == "line_of_sight"]
         never, always = _ends(drawn, lambda one: one.scenario.perception.numbers)
         gain = difference(always, never)
-        in_sight = with_error(seen[0].best("reward")) if seen else None
+        in_sight = with_error(seen[0].best("returns")) if seen else None
         gains[never.scenario.name] = gain
         rows.append(
             {
                 "scenario": never.scenario.name,
-                "reward at 0": with_error(never.best("reward")),
-                "reward at 1": with_error(always.best("reward")),
+                "return at 0": with_error(never.best("returns")),
+                "return at 1": with_error(always.best("returns")),
                 "gain": signed(gain),
                 "in line of sight": in_sight,
             }
         )
     told = named({name: signed(gain) for name, gain in gains.items()})
     claim = Claim(
-        "Percepts that fail cost reward",
+        "Percepts that fail lower the return",
         OPEN_QUESTION,
         f"gain from percepts that never succeed to those that always do: {told}",
         *_surely(gains.values()),
@@ -585,8 +585,8 @@ def uneven(results: Results) -> Section:
             {
                 "scenario": scenario.name,
                 "factors": factors(coop),
-                "Non-coop.": with_error(base.best("reward")),
-                "Coop.": with_error(coop.best("reward")),
+                "Non-coop.": with_error(base.best("returns")),
+                "Coop.": with_error(coop.best("returns")),
                 "gain": signed(gain),
                 "asks, robot by robot": " : ".join(
                     f"{mean:.2f}" for mean in coop.robot_means["asks"]
@@ -606,20 +606,20 @@ def uneven(results: Results) -> Section:
 
 
 def crowd(results: Results) -> Section:
-    """Return the reward of larger teams, and what each way to coordinate gains."""
+    """Return larger teams' returns, and the gain of each way to coordinate."""
     gains = crowd_gains(results)
     rows = []
     sizes = groupby(results, key=lambda one: len(one.scenario.robots))
     for number, (robots, group) in enumerate(sizes):
         own = list(group)
-        rewards_of = {crowd_line(one): with_error(one.best("reward")) for one in own}
+        returns_of = {crowd_line(one): with_error(one.best("returns")) for one in own}
         gained = {
             f"gain, {line}": signed(found[number]) for line, found in gains.items()
         }
         rows.append(
             {
                 "robots": str(robots),
-                **rewards_of,
+                **returns_of,
                 "best asking team found": bound_of(own[-1]),
                 "joint optimum": optimum_of(own[-1]),
                 **gained,
@@ -654,7 +654,7 @@ def crowd(results: Results) -> Section:
 
 
 def where(results: Results) -> Section:
-    """Return how much is asked near doorways, beside the time that robots spend there."""
+    """Return the share of questions near doorways, beside the time that robots spend there."""
     rows = []
     for one in results:
         near = float(np.mean(analysis.near_doorways(one.scenario.map)))
@@ -666,7 +666,7 @@ def where(results: Results) -> Section:
                 "time near": percent(analysis.share_near(one.scenario, one.stays)),
                 "cells near": percent(near),
                 "visited": percent(one.visited_share),
-                "reward (s.e.)": with_error(one.best("reward")),
+                "return (s.e.)": with_error(one.best("returns")),
                 "shortest paths": shortest_paths_of(one),
                 "best asking team found": bound_of(one),
             }
@@ -707,11 +707,11 @@ def _needless_asks(results: Results) -> Claim:
     in_vain = 0
     for one in results:
         best = best_asking_team(one)
-        paths = one.reference["reward"]
+        paths = one.reference["returns"]
         if best is None or best - paths > SAME:
             continue
         asks = one.best("asks").mean
-        loss = paired(paths - one.run_means("reward"))
+        loss = paired(paths - one.run_means("returns"))
         costs[one.scenario.name] = f"{asks:.2f} times, loses {with_error(loss)}"
         in_vain += asks >= RARE
     return Claim(
@@ -725,7 +725,7 @@ def _needless_asks(results: Results) -> Claim:
 
 
 def unseen(results: Results) -> Section:
-    """Return how teams stand in buildings that no search has seen."""
+    """Return the standing of teams in unseen buildings."""
     titles = {}
     found = {}
     for learner in dict.fromkeys(one.condition.learner for one in results):
@@ -822,7 +822,7 @@ def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
 
 
 def _asking_beats_looking(found: pd.DataFrame) -> Claim:
-    """Return in how many intervals asking where it matters gains more than asking always.
+    """Return the number of intervals in which asking where it matters beats asking always.
 
     Both on the same maps: where the team that always asks was computed.
     """
@@ -843,9 +843,9 @@ def _asking_beats_looking(found: pd.DataFrame) -> Claim:
 
 
 SECTIONS: Mapping[str, Callable[[Results], Section]] = {
-    "table1": partial(rewards, "Table 1"),
+    "table1": partial(returns, "Table 1"),
     "table2": table2,
-    "table3": partial(rewards, "Table 3"),
+    "table3": partial(returns, "Table 3"),
     "figure4": figure4,
     "penalty100": penalty100,
     "ask_cost": ask_cost,

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How numbers, tables and enumerations are written."""
+"""Text forms of numbers, tables and enumerations."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -98,7 +98,7 @@ def named(texts: Mapping[str, str]) -> str:
 
 
 def of(holds: int, cases: int) -> str:
-    """Return in how many cases something holds."""
+    """Return a text for the number of cases in which something holds."""
     return f"{holds} of {cases}"
 
 
@@ -118,7 +118,7 @@ def factors(result: ConditionResult) -> str:
     return " : ".join(f"{factor:g}" for factor in spec.numbers) or spec.kind
 
 
-def shortest_paths_of(result: ConditionResult, measure: str = "reward") -> str:
+def shortest_paths_of(result: ConditionResult, measure: str = "returns") -> str:
     """Return a measure of shortest paths, with its standard error where it is of trials."""
     value = f"{result.reference[measure]:.2f}"
     if not result.reference.get("trials"):

@@ -105,18 +105,18 @@ def line_of(result: ConditionResult) -> str:
 
 def _learned(result: ConditionResult) -> Row:
     arrives = ~fails(result)
-    rewards = result.run_means("reward")
+    returns = result.run_means("returns")
     asks = result.run_means("asks")
     row = _place(result)
-    paths = result.reference["reward"]
-    share = (rewards - paths) / max(result.optimum - paths, TINY)
+    paths = result.reference["returns"]
+    share = (returns - paths) / max(result.optimum - paths, TINY)
     return {
         "line": line_of(result),
         **row,
         "questions": asks[arrives].mean() if arrives.any() else np.nan,
-        "gained": in_questions(rewards.mean() - paths, result.scenario),
+        "gained": in_questions(returns.mean() - paths, result.scenario),
         "failed": int((~arrives).sum()),
-        "teams": len(rewards),
+        "teams": len(returns),
         "half": float((share >= ENOUGH).mean()),
     }
 
@@ -128,7 +128,7 @@ def _always(result: ConditionResult) -> Iterator[Row]:
         return
     value = always_asking(scenario)
     assert value is not None  # pairs on small maps
-    gained = value - result.reference["reward"]
+    gained = value - result.reference["returns"]
     yield {
         "line": ALWAYS,
         **_place(result),
@@ -143,7 +143,7 @@ def _best(result: ConditionResult) -> Iterator[Row]:
     team = shipped_asking_team(scenario)
     if team is None:
         return
-    gained = team.value - result.reference["reward"]
+    gained = team.value - result.reference["returns"]
     found = evaluate_exact(scenario, tables_of_policies(scenario, team.robots))
     yield {
         "line": BEST_ASKING,
@@ -157,7 +157,7 @@ def _place(result: ConditionResult) -> Row:
     """Return what all points of a condition have in common."""
     scenario = result.scenario
     alone = independent_bound(scenario)
-    paths = result.reference["reward"]
+    paths = result.reference["returns"]
     loss = max(alone - paths, 0.0)
     gap = max(result.optimum - paths, 0.0)
     meetings = result.reference["miscoordinations"]

@@ -328,9 +328,9 @@ def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     assert curves["length"] == history.length.tolist()  # so few that each is a point
     evaluation = player.board.get("evaluation")
     [[name, optimum]] = evaluation["yardsticks"]
-    assert name == "exact joint optimum" and optimum > evaluation["reward"]["mean"]
+    assert name == "exact joint optimum" and optimum > evaluation["returns"]["mean"]
     assert evaluation["how"] == "exact" and evaluation["step"] > 0
-    assert evaluation["reward"]["standard_error"] == 0.0, "of trials the page shows it"
+    assert evaluation["returns"]["standard_error"] == 0.0, "of trials the page shows it"
     player.do(SEEK, 10**9)
     assert np.array(player.board.get("asked")["robots"]).sum() == history.asks.sum()
 
@@ -432,7 +432,7 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
         "best asking team found"
     ]
     line = player.board.get("learned")["lines"][1]
-    assert line == f"The best asking team found is worth {best:.2f} a robot."
+    assert line == f"The return of the best asking team found is {best:.2f} a robot."
     player.source.log.bag.close()
 
 

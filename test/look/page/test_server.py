@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The server refuses what is not its own page's, survives odd messages, and waits for nobody."""
+"""The server refuses foreign requests, survives malformed messages, and does not block."""
 
 import asyncio
 import json

@@ -63,8 +63,8 @@ class Column {
   }
 
   worth() {
-    const { reward, asks, miscoordinations, all_arrived, how } = this.newest.evaluation;
-    this.value.textContent = `Reward of a robot ${reward.mean.toFixed(2)} (${how}), questions ${asks.mean.toFixed(2)}; `
+    const { returns, asks, miscoordinations, all_arrived, how } = this.newest.evaluation;
+    this.value.textContent = `Return of a robot ${returns.mean.toFixed(2)} (${how}), questions ${asks.mean.toFixed(2)}; `
       + `miscoordinations ${miscoordinations.mean.toFixed(3)}; all arrive ${(100 * all_arrived).toFixed(1)} %`;
   }
 
@@ -105,8 +105,8 @@ function differences() {
 function headline() {
   const values = columns.map((column) => column.newest.evaluation);
   if (!values.every(Boolean)) return;
-  const best = [...values.keys()].sort((a, b) => values[b].reward.mean - values[a].reward.mean);
-  const parts = best.map((k) => `${letter(k)} (${titles[k]}) earns ${values[k].reward.mean.toFixed(2)} a robot, and a robot asks ${values[k].asks.mean.toFixed(2)} times in an episode`);
+  const best = [...values.keys()].sort((a, b) => values[b].returns.mean - values[a].returns.mean);
+  const parts = best.map((k) => `${letter(k)} (${titles[k]}) earns ${values[k].returns.mean.toFixed(2)} a robot, and a robot asks ${values[k].asks.mean.toFixed(2)} times in an episode`);
   $("headline").textContent = `${parts.join("; ")}.`;
 }
 

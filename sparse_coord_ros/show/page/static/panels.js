@@ -105,7 +105,7 @@ export function evaluationPanel(e) {
   });
   $("evaluation").replaceChildren(
     row("th", ["", `${e.learner}, ${e.how}`]),
-    row("td", ["discounted return of a robot", pair(e.reward)]),
+    row("td", ["discounted return of a robot", pair(e.returns)]),
     ...known,
     row("td", ["time to goal", pair(e.time_to_goal)]),
     row("td", ["miscoordinations", pair(e.miscoordinations)]),
