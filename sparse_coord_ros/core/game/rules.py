@@ -197,7 +197,7 @@ def individual_reward(problem: Problem, arrives: bool) -> float:
 
 @inlined
 def common_reward(problem: Problem, k: int, conflict: bool, helped: bool) -> float:
-    """Return r^C of a step for robot k, arrived or not: paid if any robots miscoordinate or help."""
+    """Return r^C of a step for robot k, arrived or not: any robots may miscoordinate, or help."""
     felt = problem.penalties[k] if conflict else 0.0
     if helped:
         felt += problem.help_rewards[k]
