@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check-long reproduce study lint types docs coverage dist bench clean
 
-# The same doorway twice: by the paper's learner, and by the factored one.
+# The same doorway twice: by the paper's learner, and by the factored one. Then both on one page.
 demo: $(VENV)/runs
 	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
 	@echo
@@ -18,7 +18,7 @@ demo: $(VENV)/runs
 	@echo
 	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_factored
 	@echo
-	@echo "watch both in the browser, by one clock: $(BIN)/sparse_coord watch $(RUN) $(RUN)_factored"
+	@$(BIN)/python -m tools.demo $(RUN) $(RUN)_factored
 
 test: $(VENV)/tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

@@ -271,7 +271,7 @@ def load_run(directory: str | Path, *, allow: str | Iterable[str] = ()) -> Saved
 
     Args:
         directory: where it is.
-        allow: modules that it may name, with a learner or a perception model of one's own.
+        allow: modules that it may name, with the user's learner or perception model.
 
     Raises:
         RunError: the run is missing, or has another format.
@@ -439,7 +439,7 @@ def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
     Args:
         bag: a bag's directory or that of its run, an `.mcap` or an `.mcap.partial`. Of an
             unfinished or damaged file, what can be read before the damage.
-        allow: modules that it may name, with a learner or a perception model of one's own.
+        allow: modules that it may name, with the user's learner or perception model.
 
     Raises:
         BagError: nothing can be read, or the bag holds no run.

@@ -84,7 +84,7 @@ def main(name: str) -> int:
         if signal.getsignal(number)
         != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
-    # whoever started this may hold them back
+    # the parent process may block them
     signal.pthread_sigmask(signal.SIG_UNBLOCK, before)
     try:
         if is_live:

@@ -29,6 +29,9 @@ OUTCOME_COLOURS = {ANSWERED: "#009E73", REFUSED: "#D55E00", FAILED: "#888888"}
 OUTCOME_SIGNS = {ANSWERED: "✓", REFUSED: "✗", FAILED: "?"}
 """What tells the outcomes apart beside colour."""
 
+EXCHANGE_SIGN = "⇄"
+"""Between two robots that exchange their cells."""
+
 
 def robot_colour(number: int) -> str:
     """Return the colour of a robot (from 0) as #RRGGBB."""

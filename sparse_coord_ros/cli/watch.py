@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.cli.options import PAGE, Option, ros_needed
-from sparse_coord_ros.cli.page import served
+from sparse_coord_ros.cli.page import ending, served
 from sparse_coord_ros.core.game.settings import Setting
 
 RATE = Setting(
@@ -39,6 +39,11 @@ OPTIONS = (
         STEP.parse,
         "start a bag at this time step (default: at the end, with what was learned)",
     ),
+    Option(
+        "--until-closed",
+        bool,
+        "of bags: end when the page was closed in the browser",
+    ),
     *PAGE,
 )
 
@@ -61,8 +66,11 @@ def execute(options: argparse.Namespace) -> int | None:
         source = BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
     else:
         source = TrainedView(open_run(path), MessageBoard())
-    with served(options, source.board), suppress(KeyboardInterrupt):
-        source.play()
+    with served(options, source.board) as server, suppress(KeyboardInterrupt):
+        if isinstance(source, BagSource):
+            source.play(ending(options, server))
+        else:
+            source.play()
     return None
 
 
@@ -85,10 +93,10 @@ def _compare(options: argparse.Namespace) -> None:
         comparison.show_step(options.step)
     boards = [one.board for one in sources]
     with (
-        served(options, *boards, comparison.board, index="compare.html"),
+        served(options, *boards, comparison.board, index="compare.html") as server,
         suppress(KeyboardInterrupt),
     ):
-        comparison.play()
+        comparison.play(ending(options, server))
 
 
 def _live(options: argparse.Namespace) -> int:

@@ -145,7 +145,7 @@ class Doorways:
         )
 
     def leaves_by(self, door: int, cell: int, other: int) -> frozenset[int]:
-        """Return the cells by which shortest ways from a cell in a doorway to another leave it."""
+        """Return the cells by which shortest paths leave a doorway from `cell` to `other`."""
         moves = self.moves_to(cell)
         ways = {one: self.moves_to(one)[other] for one in self._exits[door].tolist()}
         return frozenset(

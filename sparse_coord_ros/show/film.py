@@ -18,7 +18,8 @@ from PIL import Image
 from sparse_coord_ros.base import palette
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.show.episodes import Episode
-from sparse_coord_ros.show.steps import Question, questions_of
+from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.steps import Interacting, Question, questions_of
 from sparse_coord_ros.studies.report.map_pictures import draw_map
 
 DPI = 100
@@ -100,7 +101,11 @@ class EpisodePictures:
         rows, columns = scenario.map.shape
         cell = min(LARGEST_CELL, LONGEST_FILM_SIDE / max(rows, columns))
         self._cell = cell = max(SMALLEST_FILM_CELL, cell)
-        self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
+        narrator = Narrator(scenario)
+        self._interacting = [narrator.interacting(one) for one in steps]
+        self._interactions = [narrator.interactions(one) for one in steps]
+        asked = max(len(questions_of(one)) for one in steps)
+        self._spoken = min(SENTENCES, max(asked, *map(len, self._interactions)))
         above = 0.32
         below = 0.34 + 0.2 * self._spoken
         width = max(LEAST_FILM_WIDTH, columns * cell + 0.2)
@@ -149,13 +154,18 @@ class EpisodePictures:
         over = moved == 1.0
         together = over and self._episode.steps[step].miscoordination
         asks = questions_of(self._episode.steps[step]) if speaking else ()
-        if together:
-            self._put(self._meeting(step + 1))
+        if over:
+            self._put(self._meeting(self._interacting[step], step))
         self._put(self._trails(step))
         self._put(line for ask in asks for line in self._lines(ask, places))
         self._put(self._robots(places, {ask.asker for ask in asks}))
         self._put(sign for ask in asks for sign in self._sign(ask, places))
-        self._say(step + over, asks, together)
+        if over:
+            self._put(self._marks(self._interacting[step], step))
+        said = [ask.in_words(self._names) for ask in asks]
+        if over:
+            said = self._interactions[step]
+        self._say(step + over, said, together)
         self._figure.draw_artist(self.caption)
         image = Image.frombuffer(
             "RGBA",
@@ -195,9 +205,12 @@ class EpisodePictures:
                 linewidth=2.5,
             )
 
-    def _meeting(self, step: int) -> Iterator[Artist]:
-        """Yield the marks of the doorways with robots inside."""
-        for x in self._scenario.map.doorways & set(self._cells[step].tolist()):
+    def _meeting(self, found: Interacting, step: int) -> Iterator[Artist]:
+        """Yield the marks of cells with robots that are together or exchange their cells."""
+        cells = set(found.together)
+        for pair in found.exchanges:
+            cells.update(self._cells[step, list(pair)].tolist())
+        for x in sorted(cells):
             look: dict[str, Any] = {
                 "facecolor": _pale(palette.DOORWAY_COLOUR),
                 "hatch": "xx",
@@ -206,6 +219,23 @@ class EpisodePictures:
             yield Rectangle(
                 corner, 1, 1, edgecolor=palette.DOORWAY_COLOUR, linewidth=3, **look
             )
+
+    def _marks(self, found: Interacting, step: int) -> Iterator[Artist]:
+        """Yield the sign of each exchange, and a bar before each robot that is stopped."""
+        for pair in found.exchanges:
+            x, y = self._places[self._cells[step, list(pair)]].mean(axis=0)
+            ring = Circle((x, y), 0.22, facecolor="white", linewidth=1.8)
+            ring.set_edgecolor(palette.DOORWAY_COLOUR)
+            yield ring
+            yield self._letter(x, y, palette.EXCHANGE_SIGN, "black", least=7.0)
+        for k, _, cell in found.stopped:
+            at = self._places[self._cells[step, k]]
+            ahead = self._places[cell] - at
+            middle = at + 0.5 * ahead
+            across = 0.36 * np.array([-ahead[1], ahead[0]])
+            ends = np.transpose([middle - across, middle + across])
+            yield Line2D(*ends, linewidth=6, color="white")
+            yield Line2D(*ends, linewidth=3.6, color="black")
 
     def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
         there = {
@@ -266,10 +296,10 @@ class EpisodePictures:
         }
         return Text(x, y, letter, color=colour, fontsize=size, **how)
 
-    def _say(self, step: int, asks: Sequence[Question], together: bool) -> None:
-        said = [ask.in_words(self._names) for ask in asks]
+    def _say(self, step: int, sentences: Sequence[str], together: bool) -> None:
+        said = list(sentences)
         if len(said) > self._spoken:
-            said[self._spoken - 1 :] = [f"and {len(said) - self._spoken + 1} more ask"]
+            said[self._spoken - 1 :] = [f"and {len(said) - self._spoken + 1} more"]
         length = len(self._episode.steps)
         at = f"step {step} of {length}"
         if together:

@@ -11,12 +11,12 @@ import numpy as np
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
-from sparse_coord_ros.core.game.interactions import interactions_of
+from sparse_coord_ros.core.game.interactions import help_given, interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.doorways import NO_WAY, Doorways
-from sparse_coord_ros.show.steps import Question
+from sparse_coord_ros.show.steps import Interacting, Question, interacting_in
 
 ENDED = {
     ANSWERED: "The question is answered.",
@@ -38,9 +38,7 @@ class Narrator:
 
     def __init__(self, scenario: Scenario) -> None:
         self._grid = scenario.map
-        inter = interactions_of(scenario)
-        self._blocks = inter.blocks
-        self._helps = inter.posts
+        self._interactions = interactions_of(scenario)
         self.names = [robot.name for robot in scenario.robots]
         self.doorways = Doorways(scenario.map)
         self._from = [self.doorways.moves_to(robot.start) for robot in scenario.robots]
@@ -50,6 +48,10 @@ class Narrator:
     def _cell(self, cell: int) -> str:
         row, column = self._grid.cells[cell]
         return f"in cell {cell} [{row}, {column}]"
+
+    def led(self, cell: int, move: int) -> int:
+        """Return the cell to which a move leads."""
+        return int(self._grid.next_cell[cell, move])
 
     def past(self, robot: int, cell: int, door: int) -> bool:
         """True if a robot has a doorway behind it.
@@ -163,14 +165,92 @@ class Narrator:
             return f"ahead of {self.names[robot]}"
         return "" if peer_way & own_way else f"behind {self.names[robot]}"
 
-    def does(self, robot: int, cell: int, move: int, after: int | None) -> str:
-        """Return a robot's action in words, and whether it comes closer to its goal.
+    def interacting(self, seen: TeamTransition) -> Interacting:
+        """Return how robots interact in a time step."""
+        return interacting_in(self._interactions, self._grid.next_cell, seen)
+
+    def interactions(self, seen: TeamTransition) -> list[str]:
+        """Return a sentence for each interaction of a time step."""
+        found = self.interacting(seen)
+        after = seen.after or ()
+        told = []
+        for robots in self._gathered(seen, found.together):
+            told.append(self._together(robots, [after[k] for k in robots]))
+        for k, j in found.exchanges:
+            told.append(f"{self.names[k]} and {self.names[j]} exchange their cells.")
+        for k in sorted({one[0] for one in found.stopped}):
+            told.append(f"{self.names[k]} stays: {self._in_the_way(k, found)}.")
+        helping = self._helping(seen)
+        if helping:
+            told.append(f"{_listed([self.names[k] for k in helping])} help each other.")
+        return told
+
+    def _helping(self, seen: TeamTransition) -> list[int]:
+        """Return the robots in help places after a step that is help, else no robot."""
+        if not self._interactions.helps or seen.after is None or None in seen.after:
+            return []
+        if None in seen.cells:
+            return []
+        if not help_given(self._interactions, seen.cells, seen.after):
+            return []
+        return [
+            k for k, cell in enumerate(seen.after) if self._interactions.posts[cell]
+        ]
+
+    def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
+        """Return the sentence that robots are together in some cells."""
+        place = "the same cell"
+        if self.doorways.of[cells[0]] >= 0:
+            place = "the same doorway"
+        if len(set(cells)) > 1:
+            place = "doorways at the same time"
+        return f"{_listed([self.names[k] for k in robots])} are in {place}."
+
+    def _gathered(self, seen: TeamTransition, cells: Sequence[int]) -> list[list[int]]:
+        """Return the groups of robots that end a time step together, in some cells."""
+        places = self._interactions.places
+        after = seen.after or ()
+        groups = []
+        for place in dict.fromkeys(int(places[cell]) for cell in cells):
+            here = [
+                k
+                for k, cell in enumerate(after)
+                if cell is not None and places[cell] == place
+            ]
+            groups.append(here)
+        return groups
+
+    def _in_the_way(self, robot: int, found: Interacting) -> str:
+        """Return that other robots are in the way of a robot that is stopped."""
+        others = [self.names[j] for k, j, _ in found.stopped if k == robot]
+        verb = "is" if len(others) == 1 else "are"
+        return f"{_listed(others)} {verb} in its way"
+
+    def _why_it_stays(self, robot: int, seen: TeamTransition, move: int) -> str:
+        """Return why a robot stays in its cell, though its move leads elsewhere."""
+        found = self.interacting(seen)
+        if any(one[0] == robot for one in found.stopped):
+            return self._in_the_way(robot, found)
+        cell = seen.cells[robot]
+        narrow = self._interactions.narrow[self._grid.next_cell[cell, move]]
+        fails = f"its move {ACTIONS[move]} fails"
+        # A robot may be stopped by one that is stopped itself, or whose cell is not known.
+        may_be_stopped = len(self.names) > 2 or None in seen.cells
+        if narrow and may_be_stopped:
+            return f"{fails}, or another robot stops it"
+        return fails
+
+    def does(
+        self, robot: int, cell: int, move: int, after: int | None, why: str = ""
+    ) -> str:
+        """Return what a robot does, and whether it comes closer to its goal.
 
         Args:
             robot: the robot.
             cell: where it is.
             move: the move that it chose.
             after: the cell where it is next (in a damaged log any cell); None: not known.
+            why: why it stays, if its move leads elsewhere; empty: the move fails.
         """
         led = int(self._grid.next_cell[cell, move])
         if after is None:
@@ -178,12 +258,12 @@ class Narrator:
         if after != cell:
             return self._goes(robot, cell, after, move)
         if led == cell:
-            return "waits in a help place" if self._helps[cell] else "waits"
-        why = "fails, or another robot stops it" if self._blocks else "fails"
-        return f"stays: its move {ACTIONS[move]} {why}"
+            waits_to_help = self._interactions.posts[cell]
+            return "waits in a help place" if waits_to_help else "waits"
+        return f"stays: {why or f'its move {ACTIONS[move]} fails'}"
 
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
-        to = " to a help place" if self._helps[after] else ""
+        to = " to a help place" if self._interactions.posts[after] else ""
         now = self._home[robot][cell]
         then = self._home[robot][after]
         if now >= NO_WAY or then >= NO_WAY or now == then:
@@ -233,4 +313,12 @@ class Narrator:
         place, door = self.where(k, cell, int(self._grid.next_cell[cell, move]))
         if question.outcome == ANSWERED and others and len(others) == len(peers):
             ended = f"Answer: {self.answer(k, cell, door, others)}."
-        return f"{name} asks {place}. {ended} {name} {self.does(k, cell, move, after)}."
+        why = "" if after != cell else self._why_it_stays(k, seen, move)
+        does = self.does(k, cell, move, after, why)
+        return f"{name} asks {place}. {ended} {name} {does}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names as a list in words."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

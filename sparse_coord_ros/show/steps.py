@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One time step of a team as data, from a log or as it happens: all that shows a team reads it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import combinations, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,12 @@ import numpy as np
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import (
+    Interactions,
+    exchanged,
     interactions_of,
     miscoordinations,
+    stops,
+    together,
 )
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY
@@ -97,6 +102,110 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
     step = int(log.step[row])
     cells = _known(log.cells[row])
     return TeamTransition(step, cells, actions, after, met, rewards, ends)
+
+
+class Interacting(NamedTuple):
+    """How robots interact in one time step; robots count from 0.
+
+    Attributes:
+        together: the cells of robots that end the step together, ascending.
+        exchanges: pairs of robots that exchange their cells.
+        stopped: robots that want into a cell and stay: the robot, the robot that is in its way,
+            and the cell.
+    """
+
+    together: tuple[int, ...]
+    exchanges: tuple[tuple[int, int], ...]
+    stopped: tuple[tuple[int, int, int], ...]
+
+
+NOT_INTERACTING = Interacting((), (), ())
+
+
+def interacting_in(
+    inter: Interactions, next_cell: np.ndarray, seen: TeamTransition
+) -> Interacting:
+    """Return how robots interact in a time step.
+
+    Args:
+        inter: the interactions of the scenario.
+        next_cell: where each move leads, as of `GridMap`.
+        seen: the time step.
+    """
+    can_be_stopped = inter.blocks and seen.after is not None
+    if seen.after is None or not (seen.miscoordination or can_be_stopped):
+        return NOT_INTERACTING
+    before = _column(seen.cells)
+    after = _column(seen.after)
+    moves = _column([None if one is None else one.move for one in seen.actions])
+    stopped = stops_in(inter, next_cell, before, moves, after)
+    blocked = []
+    for k, j, found in stopped:
+        if found[0]:
+            blocked.append((k, j, int(next_cell[before[k, 0], moves[k, 0]])))
+    if not seen.miscoordination:
+        return Interacting((), (), tuple(blocked))
+    shared = set()
+    for x, y in combinations([cell for cell in seen.after if cell is not None], 2):
+        if together(inter.places[x], inter.places[y]):
+            shared |= {x, y}
+    exchanges = exchanges_in(inter, before, after)
+    pairs = tuple((k, j) for k, j, found in exchanges if found[0])
+    return Interacting(tuple(sorted(shared)), pairs, tuple(blocked))
+
+
+def _column(values: Sequence[int | None]) -> np.ndarray:
+    """Return numbers, shape (K, 1), with NONE in place of None."""
+    return np.array([[NONE if one is None else one] for one in values])
+
+
+def exchanges_in(
+    inter: Interactions, before: np.ndarray, after: np.ndarray
+) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Yield each pair of robots, and in which steps it exchanges its cells, shape (T,).
+
+    Args:
+        inter: the interactions of the scenario.
+        before: the cell of each robot before each step, shape (K, T); NONE: not known.
+        after: the cell in which it ended, same shape.
+    """
+    if not inter.swaps:
+        return
+    known = (before != NONE) & (after != NONE)
+    for k, j in combinations(range(len(before)), 2):
+        found = exchanged(inter.passages, before[k], after[k], before[j], after[j])
+        yield k, j, found & known[k] & known[j]
+
+
+def stops_in(
+    inter: Interactions,
+    next_cell: np.ndarray,
+    before: np.ndarray,
+    moves: np.ndarray,
+    after: np.ndarray,
+) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Yield each two robots, and in which steps the first stays as the second is in its way.
+
+    A move of a stopped robot may have failed as well: it could not have succeeded.
+
+    Args:
+        inter: the interactions of the scenario.
+        next_cell: where each move leads, as of `GridMap`.
+        before: the cell of each robot before each step, shape (K, T); NONE: not known.
+        moves: the move that it chose, same shape; NONE: it did not act.
+        after: the cell in which it ended, same shape.
+
+    Yields:
+        Numbers of the two robots, and bools of shape (T,).
+    """
+    if not inter.blocks:
+        return
+    known = (before != NONE) & (after != NONE)
+    wanted = np.where(known & (moves != NONE), next_cell[before, moves], before)
+    stays = known & (after == before) & (wanted != before) & inter.narrow[wanted]
+    for k, j in permutations(range(len(before)), 2):
+        found = stops(wanted[k], before[k], before[j], after[j], j < k)
+        yield k, j, found & stays[k] & known[j]
 
 
 def trails_of(

@@ -67,7 +67,7 @@ def _load(name: str) -> Scenario:
         return _read(str(share_file("config", f"{name}.yaml")), shipped=True)
     if os.path.isfile(name):
         return _read(os.path.abspath(name), shipped=False)
-    # an unseen building; else it says that there is none
+    # an unseen building; else it raises an error
     return _read(name, shipped=True)
 
 

@@ -89,7 +89,7 @@ def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples, star
     writer.add_topic("/b", STRING, QoS())  # answered: what came before is written
     started.process.kill()
     with pytest.raises(
-        BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' fin"
+        BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' repairs"
     ):
         writer.add_topic("/c", STRING, QoS())
     with pytest.raises(BagError, match="has ended"):

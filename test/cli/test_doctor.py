@@ -111,12 +111,12 @@ def test_without_shared_memory(tmp_path):
         (
             {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"},
             [FINE, WRONG],
-            "no node finds another",
+            "nodes do not find each other",
         ),
         (
             {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
             [FINE, WRONG],
-            "no node finds another",
+            "nodes do not find each other",
         ),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, [FINE, FINE], "this machine"),
         ({"ROS_STATIC_PEERS": "10.0.0.2"}, [FINE, FINE, FINE], "10.0.0.2"),

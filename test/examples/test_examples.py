@@ -124,6 +124,15 @@ def test_vector_learner(said):
     assert mean - 4 * error < float(lines["best asking team found"])
 
 
+def test_sparse_cooperative(said):
+    """In seconds a team that one controller moves earns more than shortest paths do."""
+    out = said("sparse_cooperative.py", "env1", 8000, 4)
+    lines = dict(line.split(": ") for line in out.splitlines())
+    mean, error = map(float, lines["learned, central"].split(",")[0].split(" ± "))
+    assert mean - 2 * error > float(lines["shortest paths"])
+    assert mean - 4 * error < float(lines["joint optimum"])
+
+
 @pytest.mark.long
 def test_pettingzoo_learners(said):
     pytest.importorskip("open_spiel")

@@ -172,9 +172,9 @@ def test_a_path_may_have_dots(module, path):
     [
         (
             "nowhere:Team",
-            ["learner 'nowhere:Team' is not there", "nowhere", "PYTHONPATH"],
+            ["learner 'nowhere:Team' was not found", "nowhere", "PYTHONPATH"],
         ),
-        ("their_code:Missing", ["is not there", "Missing"]),
+        ("their_code:Missing", ["was not found", "Missing"]),
         ("their_code:NoLearner", ["'their_code:NoLearner': is no learner", "subclass"]),
         ("their_code:number", ["is no learner"]),
         ("their code:Team", ["unknown learner", "coop, noncoop, indiv"]),
@@ -202,7 +202,7 @@ def test_a_module_that_fails_is_blamed(module, tmp_path, code, words):
     message = refusal(learner_of, "their_fault:Team")
     assert message.startswith(f"learner 'their_fault:Team': its module failed: {words}")
     assert message.endswith("; mend it, and call again")
-    assert "learner 'their_package.no:Team' is not there" in refusal(
+    assert "learner 'their_package.no:Team' was not found" in refusal(
         learner_of, "their_package.no:Team"
     )
 
@@ -492,7 +492,7 @@ def test_the_traceback_stays_available(module, small):
         ("their_code:fog:2", ["returned array([[2., 2.", "from 0 to 1"]),
         ("their_code:number", ["is no function"]),
         ("their_code:fog", ["has 0 numbers, 'their_code:fog' takes 1"]),
-        ("nowhere:fog", ["perception model 'nowhere:fog' is not there"]),
+        ("nowhere:fog", ["perception model 'nowhere:fog' was not found"]),
     ],
 )
 def test_a_model_that_fails_is_blamed(module, small, model, words):
@@ -534,4 +534,4 @@ def test_entry_points_of_installed_packages(
     assert str(scenario.perception) == "mist:0.25"
     # in the current directory, not installed
     (tmp_path / "nowhere.py").write_text(MODULE)
-    assert "learner 'lost' is not there" in refusal(learner_of, "lost")
+    assert "learner 'lost' was not found" in refusal(learner_of, "lost")

@@ -132,7 +132,7 @@ def test_many_questions_are_told_in_few_words_and_hide_no_robot():
         "step 0 of 1",
         "robot_1 asks all others: refused, goes north",
         "robot_2 asks all others: refused, goes north",
-        "and 4 more ask",
+        "and 4 more",
     ]
     alone = Question(0, (), wire.PerceptEnd.NOBODY_TO_ASK, 2)
     assert alone.in_words(["a"]) == "a asks nobody: no answer, goes east"

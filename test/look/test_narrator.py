@@ -458,8 +458,90 @@ def check_place(ways, place, k, cell, doorway):
         assert far == int(away[1] or 1) and not ahead
 
 
+def one_step(scenario, before, after, moves, *, miscoordination=False):
+    """Return a time step of robots that ask nothing, by places [row, column]."""
+    number = scenario.map.number
+    actions = tuple(Action(move, False, -1, False) for move in moves)
+    cells = [tuple(number[one] for one in places) for places in (before, after)]
+    return TeamTransition(0, cells[0], actions, cells[1], miscoordination)
+
+
+@pytest.mark.parametrize(
+    ("interactions", "before", "after", "moves", "said"),
+    [
+        (
+            "together",
+            [(2, 1), (2, 3)],
+            [(2, 2), (2, 2)],
+            (EAST, WEST),
+            ["robot_1 and robot_2 are in the same doorway."],
+        ),
+        (
+            "together:anywhere",
+            [(0, 0), (1, 1)],
+            [(0, 1), (0, 1)],
+            (EAST, NORTH),
+            ["robot_1 and robot_2 are in the same cell."],
+        ),
+        (
+            "swap",
+            [(2, 1), (2, 2)],
+            [(2, 2), (2, 1)],
+            (EAST, WEST),
+            ["robot_1 and robot_2 exchange their cells."],
+        ),
+        (
+            "block",
+            [(2, 1), (2, 3)],
+            [(2, 2), (2, 3)],
+            (EAST, WEST),
+            ["robot_2 stays: robot_1 is in its way."],
+        ),
+        # The first robot goes first: that it stays is its own move's failure.
+        ("block", [(2, 1), (2, 3)], [(2, 1), (2, 2)], (EAST, WEST), []),
+        # No cell but the doorway holds only one robot.
+        ("block", [(0, 0), (0, 1)], [(0, 0), (0, 1)], (EAST, WEST), []),
+        ("together", [(2, 1), (2, 3)], [(2, 2), (2, 3)], (EAST, WEST), []),
+    ],
+)
+def test_interactions_in_sentences(interactions, before, after, moves, said):
+    scenario = load_scenario("env1", interactions=interactions)
+    met = interactions != "block" and bool(said)
+    seen = one_step(scenario, before, after, moves, miscoordination=met)
+    assert Narrator(scenario).interactions(seen) == said
+
+
+def test_a_robot_that_asks_and_is_stopped_says_by_which_one():
+    scenario = load_scenario("env1", interactions="block")
+    seen = one_step(scenario, [(2, 1), (2, 3)], [(2, 2), (2, 3)], (EAST, WEST))
+    asking = Action(WEST, True, 0, True)
+    seen = seen._replace(actions=(seen.actions[0], asking))
+    [question] = questions_of(seen)
+    told = Narrator(scenario).question(seen, question)
+    assert told.endswith("robot_2 stays: robot_1 is in its way.")
+    slipped = seen._replace(after=(seen.cells[0], seen.cells[1]))
+    told = Narrator(scenario).question(slipped, question)
+    assert told.endswith("robot_2 stays: its move west fails.")
+
+
 def test_a_robot_in_a_help_place():
     words = Narrator(load_scenario("lift"))
     assert words.does(0, 4, EAST, 5) == "goes on to a help place"
     assert words.does(0, 5, NORTH, 5) == "waits in a help place"
     assert words.does(0, 5, EAST, 6) == "goes on"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ([(0, 4), (2, 5)], [(0, 5), (2, 5)], ["robot_1 and robot_2 help each other."]),
+        ([(0, 5), (2, 5)], [(0, 5), (2, 5)], []),
+        ([(0, 4), (2, 4)], [(0, 5), (2, 4)], []),
+    ],
+)
+def test_help_in_a_sentence(before, after, said):
+    scenario = load_scenario("lift")
+    seen = one_step(scenario, before, after, (EAST, EAST))
+    assert Narrator(scenario).interactions(seen) == said
+    unknown = seen._replace(after=(seen.after[0], None))
+    assert Narrator(scenario).interactions(unknown) == []

@@ -280,7 +280,10 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
     bench.destroy(world)
     bench.spin_until(lambda: board.get("frame")["state"] == "gone", "the world is gone")
     node.controls.control(Control(PAUSE, True))
-    bench.spin_until(lambda: "nobody offers" in board.get("notice")["text"], "no world")
+    bench.spin_until(
+        lambda: "is missing: the world is gone" in board.get("notice")["text"],
+        "no world",
+    )
 
 
 def test_a_team_in_one_process_with_a_page(bench, tmp_path):

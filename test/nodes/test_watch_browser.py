@@ -19,6 +19,7 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import Server
@@ -166,6 +167,11 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
     assert tab.evaluate(CUT) == 0
 
 
+QUIET = {"miscoordination": False, "interactions": []}
+QUIET |= {"together": [], "exchanges": [], "stopped": []}
+"""Of a frame in which robots do not interact."""
+
+
 @pytest.fixture
 def shown(tab):
     """Return a function that shows frames of a run, made up, and one that gives a frame."""
@@ -196,7 +202,7 @@ def shown(tab):
                 "transitions": step,
                 "episode": 0,
             },
-            **{"miscoordination": False, **more},
+            **{**QUIET, **more},
         )
         wait_for(tab, f"{STEP} === {step}")
 
@@ -218,15 +224,22 @@ def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_w
         late = tab.evaluate(lines)  # it is still seen, or gone
         assert asked == [[3.5 * 48, 1.5 * 48]] and late in (asked, [])
     rings = drawn.format(".met", "cx", "cy")
-    doors = [(1, 4), (1, 4), (3, 4), (6, 6)]
-    shown(7, places, after=doors, miscoordination=True)
+    number = load_scenario("crowd-4r").map.number
+    shown(7, places, miscoordination=True, together=[number[1, 4]])
     assert tab.evaluate(rings) == [[4.5 * 48, 1.5 * 48]], "where two robots are"
-    exchanged = [(3, 3), (1, 3), (5, 5), (6, 6)]
-    shown(8, places, after=exchanged, miscoordination=True)
-    both = [[3.5 * 48, 3.5 * 48], [3.5 * 48, 1.5 * 48]]
+    said = ["robot_1 and robot_2 exchange their cells."]
+    shown(8, places, miscoordination=True, exchanges=[[0, 1]], interactions=said)
+    both = [[3.5 * 48, 1.5 * 48], [3.5 * 48, 3.5 * 48]]
     assert tab.evaluate(rings) == both, "where two robots exchanged cells"
-    shown(9, places, after=exchanged)
+    assert tab.evaluate("document.getElementById('now').textContent") == said[0]
+    shown(9, places, stopped=[[0, 1, number[1, 4]]])
     assert tab.evaluate(rings) == []
+    bars = "[...document.querySelectorAll('#map .bar-in-the-way')]"
+    bars += ".map((bar) => bar.getBBox()).map((b) => [b.x, b.y, b.width, b.height])"
+    [[x, y, width, height]] = tab.evaluate(bars)
+    assert (x, y + height / 2, width) == (4 * 48, 1.5 * 48, 0), "between the cells"
+    shown(10, places)
+    assert tab.evaluate(bars) == []
     assert tab.evaluate("document.getElementById('speed').textContent") == "–"
     assert (
         tab.evaluate("document.getElementById('silence').textContent")
@@ -535,6 +548,86 @@ def test_eight_robots_in_light_and_dark(tab, start, tmp_path, scheme):
     assert (page == "rgb(22, 23, 25)") == (scheme == "dark")
 
 
+FOCUS = """(() => {
+  const one = document.activeElement, look = getComputedStyle(one);
+  return one === document.body ? null
+    : [one.id || one.className || one.textContent,
+       look.outlineStyle, parseFloat(look.outlineWidth)];
+})()"""
+"""What has the focus, and the line around it."""
+
+UNNAMED = """[...document.querySelectorAll('button, input, select, svg[role], section, fieldset')]
+  .filter((one) => one.checkVisibility())
+  .filter((one) => !(one.ariaLabel || one.labels?.length || one.textContent.trim()
+    || one.getAttribute('aria-labelledby') || one.id === 'side'))
+  .map((one) => one.outerHTML)"""
+
+OUTSIDE = """[...document.body.children]
+  .filter((one) => one.checkVisibility() && one.textContent.trim())
+  .filter((one) => !['HEADER', 'MAIN', 'SCRIPT'].includes(one.tagName))
+  .map((one) => one.outerHTML)"""
+"""What stands in no landmark."""
+
+
+@pytest.fixture(scope="module")
+def two(record):
+    """Return the bags of two runs."""
+    found = []
+    for learner in ("coop", "factored"):
+        values = {"seed": 2, "learner": learner}
+        settings = {"steps": 1500, "penalty": -100}
+        found.append(str(record(settings=settings, values=values).bag))
+    return found
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("several", [False, True])
+def test_keys_alone_reach_every_control_and_a_reader_hears_the_step(
+    tab, start, two, scheme, several
+):
+    tab.emulate_media(color_scheme=scheme)
+    bags = two if several else two[:1]
+    process = start("cli.main", "watch", *bags, "--port", "0", "--rate", "5")
+    size(tab, 1280, 800)
+    tab.goto(address_of(process))
+    wait_for(tab, "document.querySelector('.trail')")
+    if several:
+        wait_for(
+            tab, "document.getElementById('headline').textContent.includes('earns')"
+        )
+        told = "[...document.querySelectorAll('.told')].map((one) => one.textContent)"
+        assert all(tab.evaluate(told))
+    reached = []
+    for _ in range(40):
+        tab.keyboard.press("Tab")
+        focus = tab.evaluate(FOCUS)
+        if focus is None or focus[0] in [
+            one[0] for one in reached if one[0] == "theme"
+        ]:
+            break
+        reached.append(focus)
+    names = {one[0] for one in reached}
+    due = {"theme", "help", "pause", "back", "next-step", "rate", "seek", "show-trails"}
+    due |= {"axis", "show-differ"} if several else {"map", "dialogue"}
+    assert due <= names
+    assert all(style != "none" and width >= 2 for _, style, width in reached)
+    assert tab.evaluate(UNNAMED) == []
+    assert tab.evaluate(OUTSIDE) == []
+    tab.evaluate("document.activeElement.blur()")
+    tab.keyboard.press("?")
+    wait_for(tab, "!document.getElementById('keys').hidden")
+    assert tab.evaluate("document.getElementById('help').ariaExpanded") == "true"
+    tab.keyboard.press("Space")
+    wait_for(tab, "document.getElementById('state').textContent === 'paused'")
+    heard = "document.getElementById('spoken').textContent"
+    wait_for(tab, f"{heard}.includes('robot_1 in row ')")
+    before = tab.evaluate(heard)
+    tab.keyboard.press("ArrowRight")
+    wait_for(tab, f"{heard} !== {before!r}")
+    size(tab, 400, 800)
+    wait_for(tab, WIDE)
+
+
 TEAM = "document.getElementById('team').textContent"
 
 
@@ -663,9 +756,11 @@ def test_the_map_marks_help(tab):
     server = Server(board, port=0)
     tab.goto(server.address)
 
+    narrator = Narrator(run.scenario)
+
     def show(step, cells, after):
         seen = TeamTransition(step, cells, (None, None), after, False)
-        frame = messages.frame_fields(seen, [[cell] for cell in cells])
+        frame = messages.frame_fields(seen, [[cell] for cell in cells], narrator)
         state = {"state": "learning", "rate": 0, "speed": None}
         board.put("frame", **frame, **state, transitions=step, episode=0)
         wait_for(tab, f"{STEP} === {step}")

@@ -214,14 +214,15 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
 
 def result_of(learning: LearningRun) -> Training:
     """Return the results of a run so far."""
+    tables = learning.tables
     return Training(
         learning.scenario,
         learning.learner,
         learning.seed,
         "numba" if learning.team.compiled else "python",
-        learning.tables,
+        tables,
         learning.history,
-        learning.visited,
+        learning.rows_learned(tables),
         learning.done,
     )
 

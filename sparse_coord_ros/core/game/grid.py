@@ -172,7 +172,7 @@ class GridMap:
         return regions(self.next_cell)
 
     def distances_to(self, goal: int) -> np.ndarray:
-        """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
+        """Shape (cells,): moves on a shortest path to `goal`; -1 without a way."""
         return moves_to(self.next_cell, goal)
 
     def leading_to(self, goal: int) -> np.ndarray:

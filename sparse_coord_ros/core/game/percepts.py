@@ -31,6 +31,12 @@ def percepts_can_succeed(scenario: Scenario) -> bool:
     return scenario.perception not in NEVER_PERCEIVING and scenario.link not in NEVER_UP
 
 
+def percepts_can_fail(scenario: Scenario) -> bool:
+    """Return whether a percept can fail, as far as the settings alone tell."""
+    alone = len(scenario.robots) == 1
+    return alone or scenario.perception.kind != "always" or scenario.link != UP
+
+
 def chance_of_answer(scenario: Scenario) -> float:
     """Return the probability that a question is answered, as far as the settings alone tell.
 

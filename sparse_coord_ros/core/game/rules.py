@@ -50,7 +50,7 @@ class Problem(NamedTuple):
         goal_reward: r^I at the goal.
         ask_cost: cost of COORDINATE.
         discount: gamma.
-        referee: whether the world tells with whom a robot interacted.
+        referee: whether rewards tell with which peers a robot interacted.
     """
 
     starts: Any

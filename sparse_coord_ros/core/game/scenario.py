@@ -411,7 +411,7 @@ def dense_nbytes(cells: int, agents: int) -> int:
 
 
 def is_sparse(cells: int, agents: int) -> bool:
-    """Return whether Q^C is stored sparsely: for more than two robots, or on a large map.
+    """Return whether Q^C is stored sparsely: over more than a pair, or on a large map.
 
     On a large map, an array would take more than `LARGEST_DENSE` bytes a robot.
     """

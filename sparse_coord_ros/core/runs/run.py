@@ -16,6 +16,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import PlainDraws, compiled_draws
 from sparse_coord_ros.core.game.interactions import miscoordinate
 from sparse_coord_ros.core.game.perception import asked_peers
+from sparse_coord_ros.core.game.percepts import percepts_can_fail
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     INDEX,
@@ -34,9 +35,9 @@ from sparse_coord_ros.core.learners.mind import (
     Memory,
     as_lists,
     has_room,
-    learned_rows,
     memory_of,
     part,
+    rows_in,
     stacked,
     with_room,
 )
@@ -173,6 +174,9 @@ class Team:
             "epsilon": np.zeros(1),
         }
         self._trying = self._formed(rule._replace(**greedy))
+        self._readers = [
+            learner.task(scenario, k, np.zeros(1)) for k in range(len(scenario.robots))
+        ]
 
     def _formed(self, rule: loop.Rule) -> loop.Rule:
         """Return a rule for the loops: as it is, or for plain Python with lists."""
@@ -252,13 +256,14 @@ class Team:
     def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
         """Return whether the draws of each role are used."""
         learning = phase == streams.LEARNING
+        can_fail = self.learner.asks and percepts_can_fail(self.scenario)
         return {
             streams.POLICY: True,
             streams.MOTION: True,
-            streams.PERCEPT: self.learner.asks,
+            streams.PERCEPT: can_fail,
             streams.START: bool(np.any(rule.exploring)),
             streams.REPLAY: learning and self.learner.draws,
-            streams.BLIND: learning and self.learner.asks,
+            streams.BLIND: learning and can_fail,
             streams.LEAVE: rule.leaving > 0.0,
         }
 
@@ -331,7 +336,7 @@ class Team:
             return None
         peer = 1 if k == 0 else 0
         table = np.zeros((cells, cells, PRIMITIVES))
-        task = self.learner.task(self.scenario, k, np.zeros(1))
+        task = self._readers[k]
         self.loops.tabulate(mind, task, peer, np.zeros(team, dtype=np.int64), table)
         return table
 
@@ -474,11 +479,14 @@ class LearningRun:
         robots = range(len(self.scenario.robots))
         return np.array([np.array(self.mind(k).updates)[:, COORDINATE] for k in robots])
 
-    @property
-    def visited(self) -> np.ndarray:
-        """Rows of Q^C (or rho) that each robot has updated, shape (robots,), int64."""
-        robots = range(len(self.scenario.robots))
-        return np.array([rows_updated(self.mind(k)) for k in robots])
+    def rows_learned(self, tables: Sequence[Tables]) -> np.ndarray:
+        """Return how many rows of Q^C (or rho) each robot has learned, shape (robots,), int64.
+
+        Args:
+            tables: as `tables` returns them.
+        """
+        found = [rows_in(self.mind(k), one.memory) for k, one in enumerate(tables)]
+        return np.array(found)
 
     @property
     def memories(self) -> tuple[Memory, ...]:
@@ -519,15 +527,6 @@ def learn(
     run = LearningRun(Team(scenario, learner_of(learner), compiled=compiled), seed)
     run.advance(scenario.steps)
     return run.tables
-
-
-def rows_updated(mind: Any) -> int:
-    """Return the number of rows of a mind's tables that have an update."""
-    found = 0
-    for value in mind:
-        if hasattr(value, "most"):
-            found += len(learned_rows(value).keys)
-    return found
 
 
 def record_of(history: History, *, compiled: bool) -> loop.Record:

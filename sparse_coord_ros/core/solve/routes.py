@@ -114,7 +114,7 @@ class Routed(NamedTuple):
 
 
 def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> RoutePlan:
-    """Search for order and routes; the first restart begins with shortest ways for all.
+    """Search for order and routes; the first restart begins with shortest paths for all.
 
     Args:
         scenario: the problem.

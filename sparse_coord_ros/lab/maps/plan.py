@@ -369,7 +369,7 @@ def steps_for(way: np.ndarray, p: float) -> float:
     """Return steps in which each cell's every move is tried some times over, on the way to a goal.
 
     Args:
-        way: moves from each cell to the goal, -1 where there is none.
+        way: moves from each cell to the goal, -1 without a way.
         p: the probability that a move succeeds.
     """
     cells = int((way >= 0).sum())

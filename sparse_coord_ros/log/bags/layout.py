@@ -141,7 +141,7 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
 
 
 def open_to_read(path: Path) -> BinaryIO:
-    """Open a file; raises BagError if there is none, also at once of a pipe or a device."""
+    """Open a file; raises BagError if it is missing, or a pipe or a device."""
     with failing(f"cannot read {path}"):
         return open_regular(path)
 

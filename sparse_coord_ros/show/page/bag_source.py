@@ -30,6 +30,7 @@ from sparse_coord_ros.show.page.key_steps import (
     KeySteps,
     LearnedTeam,
     highlight,
+    kinds_of,
 )
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
@@ -66,6 +67,8 @@ KIND_NAMES = {
     controls.MISCOORDINATION: "miscoordination",
     controls.POLICY: "change of where a robot would ask",
     controls.CROSSING: "crossing",
+    controls.EXCHANGE: "exchange",
+    controls.STOPPED: "robot that another one stops",
 }
 """The names of what a page can jump to."""
 
@@ -73,7 +76,7 @@ STILL_STEPS = 10_000
 """A request for tables of a time step is dropped once this many newer steps have followed."""
 
 
-class BagSource(controls.Controlled):
+class BagSource(controls.Played):
     """Plays a bag to a board.
 
     Args:
@@ -124,7 +127,6 @@ class BagSource(controls.Controlled):
         self._key_steps = KeySteps(self.run, self._narrator)
         self.highlight: Highlight | None = None
         self._again = False
-        self._then = time.monotonic()
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
         self._relearned = Relearned(self.log)
@@ -225,11 +227,11 @@ class BagSource(controls.Controlled):
 
     # In the thread of the source.
 
-    def play(self) -> None:
-        """Play until interrupted."""
+    def play(self, until: Callable[[], bool] = bool) -> None:
+        """Play until interrupted, or until a function returns True."""
         looked = time.monotonic()
         with self.reading():
-            while True:
+            while not until():
                 if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()
@@ -270,27 +272,20 @@ class BagSource(controls.Controlled):
             self.growing = False
             self._notice()
 
-    def tick(self) -> None:
-        """Carry out the controls, move on, and show the time step that is reached."""
-        now = time.monotonic()
-        passed = now - self._then
-        self._then = now
-        for control in self.wishes():
-            self._do(control)
+    def move_on(self, seconds: float) -> None:
+        """Play for so long; what was learned again and again, a log up to its end."""
+        if self.paused:
+            return
         last = float(self.log.last_step)
-        if not self.paused:
-            on = passed * self._pace if self._pace else last
-            self.position = min(self.position + on, last)
-            if (
-                self._again
-                and self.highlight
-                and self.position >= self.highlight.last + LINGER
-            ):
-                self.position = float(self.highlight.first)
-            self.paused = self.position >= last and not self.growing
-        self.show()
+        on = seconds * self._pace if self._pace else last
+        self.position = min(self.position + on, last)
+        shown = self.highlight if self._again else None
+        if shown is not None and self.position >= shown.last + LINGER:
+            self.position = float(shown.first)
+        self.paused = self.position >= last and not self.growing
 
-    def _do(self, control: controls.Control) -> None:
+    def carry_out(self, control: controls.Control) -> None:
+        """Do what a page asks for."""
         self._say("")
         match control.name:
             case controls.PAUSE:
@@ -397,7 +392,7 @@ class BagSource(controls.Controlled):
         around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
         if self._new("frame", (step, self.state, around)):
             fields = messages.frame_fields(
-                logged_step(log, row), logged_trails(log, row)
+                logged_step(log, row), logged_trails(log, row), self._narrator
             )
             self.board.put("frame", state=self.state, **around, **fields)
         self._tell(log, row)
@@ -554,7 +549,8 @@ class BagSource(controls.Controlled):
         """Show on the time line where what matters is."""
         per_mark = max(1, (self.log.last_step - self.first) // MARKS)
         marks = {}
-        for kind, steps in self._key_steps.steps.items():
+        for kind in kinds_of(self.run.scenario):
+            steps = self._key_steps.steps[kind]
             few = np.zeros(len(steps), dtype=bool)
             few[np.unique(steps // per_mark, return_index=True)[1]] = True
             if self.highlight is not None:  # of that episode all

@@ -3,7 +3,7 @@
 """Several bags on one page, played by one clock."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
@@ -74,7 +74,7 @@ def aligned(starts: np.ndarray, lengths: np.ndarray) -> Aligned:
     return Aligned(starts, lengths, ends - widths, int(ends[-1]) - 1)
 
 
-class Comparison(controls.Controlled):
+class Comparison(controls.Played):
     """Plays several bags side by side.
 
     Args:
@@ -102,7 +102,6 @@ class Comparison(controls.Controlled):
         self.rate = rate
         self.paused = False
         self.position = 0.0
-        self._then = time.monotonic()
         self._made_of: object = None
         self._shown: Aligned | None = None
         learned = all(source.highlight is not None for source in sources)
@@ -163,13 +162,13 @@ class Comparison(controls.Controlled):
         last = np.array([[source.log.last_step - first] for source in self.sources])
         return aligned(np.full(last.shape, first), last)
 
-    def play(self) -> None:
-        """Play until interrupted."""
+    def play(self, until: Callable[[], bool] = bool) -> None:
+        """Play until interrupted, or until a function returns True."""
         looked = time.monotonic()
         with ExitStack() as stack:
             for source in self.sources:
                 stack.enter_context(source.reading())
-            while True:
+            while not until():
                 if time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     for source in self.sources:
@@ -178,26 +177,20 @@ class Comparison(controls.Controlled):
                 self.tick()
                 time.sleep(FRAME_SECONDS)
 
-    def tick(self) -> None:
-        """Carry out the controls, move on, and show the time steps that are reached."""
-        now = time.monotonic()
-        passed = now - self._then
-        self._then = now
-        for control in self.wishes():
-            self._do(control)
-        axis = self.alignment()
-        last = float(axis.last)
-        if not self.paused:
-            on = passed * self.rate if self.rate else last
-            self.position += on
-            again = self.axis == controls.LEARNED_EPISODE
-            if again and self.position >= last + LINGER:
-                self.position = 0.0
-            elif not again and self.position >= last:
-                self.paused = not any(source.growing for source in self.sources)
-        self.show(axis)
+    def move_on(self, seconds: float) -> None:
+        """Play for so long; what was learned again and again, all runs up to their ends."""
+        if self.paused:
+            return
+        last = float(self.alignment().last)
+        self.position += seconds * self.rate if self.rate else last
+        again = self.axis == controls.LEARNED_EPISODE
+        if again and self.position >= last + LINGER:
+            self.position = 0.0
+        elif not again and self.position >= last:
+            self.paused = not any(source.growing for source in self.sources)
 
-    def _do(self, control: controls.Control) -> None:
+    def carry_out(self, control: controls.Control) -> None:
+        """Do what a page asks for."""
         axis = self.alignment()
         match control.name:
             case controls.PAUSE:
@@ -220,8 +213,9 @@ class Comparison(controls.Controlled):
                     self.position = 0.0
                     self.paused = False
 
-    def show(self, axis: Aligned) -> None:
+    def show(self) -> None:
         """Show every run at the position, and the clock where it has changed."""
+        axis = self.alignment()
         position = int(min(max(self.position, 0.0), axis.last))
         steps = axis.steps_at(position)
         for source, step in zip(self.sources, steps, strict=True):

@@ -3,6 +3,8 @@
 """The controls of a page, and how they are checked before they are carried out."""
 
 import queue
+import time
+from abc import abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -53,9 +55,12 @@ QUESTION = "question"
 MISCOORDINATION = "miscoordination"
 CROSSING = "crossing"
 POLICY = "policy"
-STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY)
+EXCHANGE = "exchange"
+STOPPED = "stopped"
+STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY, EXCHANGE, STOPPED)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
-without that; where a robot would ask changes."""
+without that; where a robot would ask changes; robots exchange their cells; a robot stays, as
+another one is in its way."""
 
 TIME_STEP = "step"
 EPISODE = "episode"
@@ -100,6 +105,36 @@ class Controlled:
         """Yield the controls since the last call."""
         while not self._wishes.empty():
             yield self._wishes.get()
+
+
+class Played(Controlled):
+    """A source with a clock: time passes between two ticks, as far as the source lets it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._then = time.monotonic()
+
+    def tick(self) -> None:
+        """Carry out the controls, move on, and show the time steps that are reached."""
+        now = time.monotonic()
+        passed = now - self._then
+        self._then = now
+        for control in self.wishes():
+            self.carry_out(control)
+        self.move_on(passed)
+        self.show()
+
+    @abstractmethod
+    def carry_out(self, control: Control) -> None:
+        """Do what a page asks for."""
+
+    @abstractmethod
+    def move_on(self, seconds: float) -> None:
+        """Let so much time pass, unless time stands still."""
+
+    @abstractmethod
+    def show(self) -> None:
+        """Put what belongs to the position on the board, where it is not there already."""
 
 
 def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:

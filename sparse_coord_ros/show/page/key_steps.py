@@ -13,24 +13,43 @@ from sparse_coord_ros.core.game.interactions import (
     interactions_of,
     miscoordinations,
 )
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.agent import NOBODY, Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_agents
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.window import Episodes
+from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.protocol.wire.frame import Frame
 from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
+    EXCHANGE,
     MISCOORDINATION,
     POLICY,
     QUESTION,
     STEP_KINDS,
+    STOPPED,
 )
 from sparse_coord_ros.show.policy import entered, policy_of
-from sparse_coord_ros.show.steps import logged_step, questions_of
+from sparse_coord_ros.show.steps import (
+    exchanges_in,
+    logged_step,
+    questions_of,
+    stops_in,
+)
+
+
+def kinds_of(scenario: Scenario) -> list[str]:
+    """Return the kinds of key steps that a scenario can have."""
+    inter = interactions_of(scenario)
+    kinds = [QUESTION, MISCOORDINATION, POLICY, CROSSING]
+    kinds += [EXCHANGE] if inter.swaps else []
+    kinds += [STOPPED] if inter.blocks else []
+    return kinds
 
 
 class KeySteps:
@@ -64,6 +83,14 @@ class KeySteps:
         after = np.roll(log.cells, -1, axis=0)
         inter = interactions_of(self._run.scenario)
         met_next = miscoordinations(inter, log.cells.T, after.T) & followed
+        exchanges = exchanges_in(inter, log.cells.T, after.T)
+        next_cell = self._run.scenario.map.next_cell
+        stops = stops_in(inter, next_cell, log.cells.T, log.move.T, after.T)
+        for kind, pairs in ((EXCHANGE, exchanges), (STOPPED, stops)):
+            found = np.zeros(len(log.step), dtype=bool)
+            for _, _, happened in pairs:
+                found |= happened
+            self._add(kind, log.step[found & followed])
         self._add(QUESTION, log.step[asked])
         self._add(MISCOORDINATION, log.step[met_next])
         if not len(self.steps[CROSSING]):
@@ -172,7 +199,8 @@ def highlight(
             what = "no question is answered"
         return Highlight(first, last, None, 0, 0, f"In the last episodes {what}.")
     cell = int(log.cells[row, k])
-    text = _told(log, row, k, narrator, learned=team.would_do_it_again(log, row, k))
+    step = logged_step(log, row)
+    text = _told(step, k, narrator, learned=team.would_do_it_again(step, k))
     if not good[number]:
         text = f"Here not all robots arrive without a miscoordination. {text}"
     return Highlight(first, last, int(log.step[row]), k, cell, text)
@@ -190,7 +218,9 @@ def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
         cells = log.cells[rows, k]
         moves = log.move[rows, k]
         reached = np.isin(cells, team.reached[k])
-        by_answer = [team.chose_by_answer(log, row, k) for row in rows.tolist()]
+        by_answer = [
+            team.chose_by_answer(logged_step(log, row), k) for row in rows.tolist()
+        ]
         asks = policy.asks[cells]
         another_move = ~policy.moves[cells, moves]
         ranks[rows, k] = (
@@ -227,27 +257,53 @@ def _best_episode(
     return best
 
 
-def _told(log: RunLog, row: int, k: int, narrator: Narrator, *, learned: bool) -> str:
-    """Return an answered question in narrator.
+def shown_by(
+    steps: Sequence[TeamTransition], team: "LearnedTeam", narrator: Narrator
+) -> str:
+    """Return what a greedy episode shows of what was learned, in words; empty: no question.
 
     Args:
-        log: the log.
-        row: of the question's time step.
+        steps: the episode.
+        team: what its robots learned.
+        narrator: of its scenario.
+    """
+    best = (False, False)
+    text = ""
+    for step in steps:
+        for question in questions_of(step):
+            answered = question.end == PerceptEnd.ANSWERED
+            learned = answered and team.would_do_it_again(step, question.asker)
+            if text and (learned, answered) < best:
+                continue
+            best = (learned, answered)
+            text = f"In a greedy episode: {narrator.question(step, question)}"
+            if learned:
+                text = _told(step, question.asker, narrator, learned=True)
+    return text
+
+
+def _told(step: TeamTransition, k: int, narrator: Narrator, *, learned: bool) -> str:
+    """Return an answered question in words.
+
+    Args:
+        step: the question's time step.
         k: the robot that asks.
         narrator: of the scenario.
         learned: whether its tables say that it would come there and do the same again; if not,
             or if it asks several robots, only what happened is told.
     """
-    step = logged_step(log, row)
     [question] = [one for one in questions_of(step) if one.asker == k]
     if not learned or len(question.peers) != 1:
         return f"Here {narrator.question(step, question)}"
     [peer] = question.peers
-    cell = int(log.cells[row, k])
+    cell = step.cells[k]
+    at = step.cells[peer]
+    assert cell is not None  # it asked
+    assert at is not None  # it answered
     move = question.move
-    led = int(log.run.scenario.map.next_cell[cell, move])
+    led = narrator.led(cell, move)
     place, door = narrator.where(k, cell, led)
-    answer = narrator.answer(k, cell, door, [(peer, int(log.cells[row, peer]))])
+    answer = narrator.answer(k, cell, door, [(peer, at)])
     does = narrator.does(k, cell, move, led)
     return f"{narrator.names[k]} asks {place}, and {does} if {answer}."
 
@@ -289,14 +345,14 @@ class LearnedTeam:
         greatest = np.equal(values, max(values))
         return frozenset(self._next_cell[cell][greatest].tolist())
 
-    def would_do_it_again(self, log: RunLog, row: int, k: int) -> bool:
+    def would_do_it_again(self, step: TeamTransition, k: int) -> bool:
         """Whether a robot comes to this cell by its tables, asks there, and moves as it did."""
-        cell = int(log.cells[row, k])
+        cell = step.cells[k]
         comes = cell in self.reached[k]
         asks = bool(self.policies[k].asks[cell])
-        return comes and asks and self.chose_by_answer(log, row, k)
+        return comes and asks and self.chose_by_answer(step, k)
 
-    def chose_by_answer(self, log: RunLog, row: int, k: int) -> bool:
+    def chose_by_answer(self, step: TeamTransition, k: int) -> bool:
         """Whether a robot that got an answer made the move that its tables now say.
 
         False where its learner's code may not be imported, as then that is not known, and where
@@ -304,13 +360,15 @@ class LearnedTeam:
         """
         if not self._agents:
             return False
-        peer = int(log.peer[row, k])
-        peers = [peer]
-        if peer == NOBODY:
-            peers = [one for one in range(len(log.names)) if one != k]
-        perceived = tuple(log.cells[row, peers].tolist())
-        if min(perceived) < 0:
+        action = step.actions[k]
+        cell = step.cells[k]
+        if action is None or cell is None:
             return False
-        cell = int(log.cells[row, k])
-        went = int(self._next_cell[cell, log.move[row, k]])
+        peers = [action.peer]
+        if action.peer == NOBODY:
+            peers = [one for one in range(len(step.cells)) if one != k]
+        perceived = tuple(at for one in peers if (at := step.cells[one]) is not None)
+        if len(perceived) < len(peers):
+            return False
+        went = int(self._next_cell[cell, action.move])
         return self._led(k, cell, perceived) == {went}

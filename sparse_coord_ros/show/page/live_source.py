@@ -154,7 +154,7 @@ class LiveView:
         )
         said: Message = {"transitions": transitions, "episode": episode, "rate": rate}
         said |= {"state": self.state, "speed": self._speed if speed is None else speed}
-        said |= messages.frame_fields(seen, trails)
+        said |= messages.frame_fields(seen, trails, self._narrator)
         self.board.put("frame", **said)
         if new:
             self._tell(seen)

@@ -32,6 +32,7 @@ from sparse_coord_ros.log.runlog.relearned import Asked
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
 from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.page.key_steps import LearnedTeam, kinds_of, shown_by
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import Question, questions_of
@@ -62,7 +63,6 @@ def run_fields(run: RunConfig) -> Message:
     """Return what stays the same while one run is shown."""
     scenario = run.scenario
     grid = scenario.map
-    inter = interactions_of(scenario)
     return {
         "version": __version__,
         "scenario": scenario.name,
@@ -80,14 +80,13 @@ def run_fields(run: RunConfig) -> Message:
             for name, colour in palette.OUTCOME_COLOURS.items()
         },
         "doorway_colour": palette.DOORWAY_COLOUR,
+        "kinds": kinds_of(scenario),
         "map": {
             **{
                 name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
             },
             "doorways": sorted(grid.doorways),
-            "places": inter.places.tolist(),
-            "passages": inter.passages.tolist(),
-            "helps": np.flatnonzero(inter.posts).tolist(),
+            "helps": np.flatnonzero(interactions_of(scenario).posts).tolist(),
             "under": under(grid),
         },
         "robots": [
@@ -101,12 +100,15 @@ def run_fields(run: RunConfig) -> Message:
     }
 
 
-def frame_fields(seen: TeamTransition, trails: Sequence[Sequence[int]]) -> Message:
-    """Return a time step: the robots' cells, their questions, and their next cells.
+def frame_fields(
+    seen: TeamTransition, trails: Sequence[Sequence[int]], narrator: Narrator
+) -> Message:
+    """Return a time step: the robots' cells, their questions, and how they interact.
 
     Args:
         seen: the time step.
         trails: as of `show.steps.trails_of`.
+        narrator: of the scenario.
     """
     return {
         "step": seen.step,
@@ -123,6 +125,8 @@ def frame_fields(seen: TeamTransition, trails: Sequence[Sequence[int]]) -> Messa
         ],
         "after": seen.after,
         "miscoordination": seen.miscoordination,
+        **narrator.interacting(seen)._asdict(),
+        "interactions": narrator.interactions(seen),
     }
 
 
@@ -257,11 +261,23 @@ def evaluation_fields(
         "learner": run.title,
         **{name: asdict(one) for name, one in measures.items()},
         "all_arrived": result.all_arrived,
+        "askers": _askers(run, tables),
         "last_word": last_word(run.scenario, run.rule, result).text
         if step is None
         else "",
         "yardsticks": yardsticks(run.scenario),
     }
+
+
+def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:
+    """Return the robots (from 0) that ask in a cell to which they come greedily."""
+    found = []
+    for k, (robot, own) in enumerate(zip(run.scenario.robots, tables, strict=True)):
+        policy = policy_of(own, robot.goal)
+        reached = entered(policy, run.scenario.map, robot.start)
+        if policy.asks[reached].any():
+            found.append(k)
+    return found
 
 
 def put_end(
@@ -280,19 +296,15 @@ def put_end(
     first = episode.steps[0].step if episode.steps else 0
     steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)
     narrator = Narrator(run.scenario)
-    asked = [
-        (one.end, narrator.question(seen, one))
-        for seen in steps
-        for one in questions_of(seen)
-    ]
-    asked.sort(key=lambda told: told[0].outcome == palette.ANSWERED)
-    text = "In greedy episodes no robot asks another one, and not all robots arrive."
-    if episode.arrived:
+    text = shown_by(steps, LearnedTeam(run, tables), narrator)
+    if not text and episode.arrived:
         text = (
             "In greedy episodes in which all robots arrive no robot asks another one."
         )
-    if asked:
-        text = f"In a greedy episode: {asked[-1][1]}"
+    if not text:
+        text = (
+            "In greedy episodes no robot asks another one, and not all robots arrive."
+        )
     board.put("learned", lines=[text], first=None, step=None)
     board.put("evaluation", **value)
     return steps

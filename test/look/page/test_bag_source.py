@@ -41,11 +41,15 @@ from sparse_coord_ros.show.page.controls import (
     RATE,
     SEEK,
     STEP,
-    STEP_KINDS,
     Control,
 )
 from sparse_coord_ros.show.page.counts import Counts
-from sparse_coord_ros.show.page.key_steps import KeySteps, LearnedTeam, highlight
+from sparse_coord_ros.show.page.key_steps import (
+    KeySteps,
+    LearnedTeam,
+    highlight,
+    kinds_of,
+)
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
 
@@ -72,7 +76,8 @@ class Player:
 @pytest.fixture(autouse=True)
 def clock(monkeypatch):
     clock = SimpleNamespace(monotonic=lambda: Player.now, sleep=time.sleep)
-    monkeypatch.setattr("sparse_coord_ros.show.page.bag_source.time", clock)
+    for module in ("bag_source", "controls"):
+        monkeypatch.setattr(f"sparse_coord_ros.show.page.{module}.time", clock)
 
 
 @pytest.fixture
@@ -469,7 +474,7 @@ def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(team):
 class Undecided(LearnedTeam):
     """A team whose tables say of no move that it is the one after an answer."""
 
-    def chose_by_answer(self, log, row, k):
+    def chose_by_answer(self, step, k):
         return False
 
 
@@ -540,7 +545,7 @@ def test_jumps_lead_to_what_matters(learned):
             np.isin(steps, step).any() for steps, _ in log.messages.coordination_maps
         ].index(True)
         assert step in log.messages.coordination_maps[k][0]
-    assert set(STEP_KINDS) <= set(marks)
+    assert set(kinds_of(log.run.scenario)) <= set(marks)
     player.source.log.bag.close()
 
 

@@ -75,7 +75,7 @@ def clock(monkeypatch):
     """Return the clock; `now` is its time."""
     clock = SimpleNamespace(now=0.0, sleep=time.sleep)
     clock.monotonic = lambda: clock.now
-    for name in ("bag_source", "comparison"):
+    for name in ("bag_source", "comparison", "controls"):
         monkeypatch.setattr(f"sparse_coord_ros.show.page.{name}.time", clock)
     return clock
 

@@ -14,9 +14,10 @@ export class Chart {
     this.range = range;
     this.lines = [];
     this.right = 1; // the last time step
-    this.value = html("span");
+    this.value = html("p");
     this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over time steps` });
-    holder.append(html("section", { className: "chart" }, html("h2", {}, title, this.value), this.picture));
+    this.value.className = "value";
+    holder.append(html("section", { className: "chart" }, html("h2", {}, title), this.value, this.picture));
     this.picture.addEventListener("pointermove", (event) => this.point(event));
     this.picture.addEventListener("pointerleave", () => this.point(null));
   }
@@ -53,7 +54,13 @@ export class Chart {
   }
 
   ends() {
-    return this.lines.map((line) => known(line.values).at(-1)?.toFixed(2) ?? "–").join(" · ");
+    return this.named(this.lines.map((line) => known(line.values).at(-1) ?? null));
+  }
+
+  // A value of each line, with the line's label.
+  named(values) {
+    const one = (value, { label }) => `${label ? `${label}: ` : ""}${value === null ? "–" : value.toFixed(2)}`;
+    return values.map((value, i) => one(value, this.lines[i])).join(" · ");
   }
 
   x(step) {
@@ -83,7 +90,6 @@ export class Chart {
     this.picture.append(svg("path", { class: "pointed", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}` }));
     found.forEach((value) => value !== null && this.picture.append(
       svg("circle", { class: "pointed", cx: this.x(step), cy: this.y(value), r: 3 })));
-    const said = found.map((value) => (value === null ? "–" : value.toFixed(2)));
-    this.value.textContent = `step ${short(Math.round(step))}: ${said.join(" · ")}`;
+    this.value.textContent = `${this.named(found)} at step ${short(Math.round(step))}`;
   }
 }

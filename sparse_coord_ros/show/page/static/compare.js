@@ -2,14 +2,16 @@
 // Several runs on one page: one clock, one time line, a map for each, and their curves in one chart.
 
 import { Curves } from "/curves.js";
-import { $, html, number, otherTheme, svg, tell } from "/draw.js";
+import { $, about, html, number, otherTheme, showKeys, spoken, svg, tell } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { TeamMap } from "/map.js";
 import { connect, token } from "/stream.js";
 
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
 const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
-const MARKS = ["question", "miscoordination"];
+const MARKS = ["question", "miscoordination", "exchange", "stopped"];
+const MARK_NAMES = { stopped: "another robot stops it" };
+const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
 const look = (k) => ({ stroke: LOOKS[k % LOOKS.length][0], "stroke-dasharray": LOOKS[k % LOOKS.length][1], "data-run": k + 1 });
 
@@ -23,16 +25,16 @@ class Column {
   constructor(k, title) {
     this.k = k;
     this.newest = {};
-    this.element = svg("svg", { class: "map", tabindex: 0, role: "img", "aria-label": `map of ${title}` });
-    this.value = html("p", { className: "quiet" });
+    this.element = svg("svg", { class: "map", role: "img", "aria-label": `map of ${title}` });
+    this.learned = html("p", { className: "told" });
+    this.value = html("dl", { className: "values" });
     this.now = html("p", { className: "now" });
-    this.now.setAttribute("role", "status");
     const zoom = html("div", { className: "zoom" });
-    const head = html("div", { className: "head" }, html("h2", {}, title), zoom);
+    const head = html("div", { className: "head" }, html("h2", {}, html("span", { className: "letter" }, letter(k)), title), zoom);
     head.style.setProperty("--run", LOOKS[k % LOOKS.length][0]);
-    $("columns").append(html("section", { className: "column" }, head, this.value, html("div", { className: "map-holder" }, this.element), this.now));
+    $("columns").append(html("section", { className: "column" }, head, this.learned, this.value, html("div", { className: "map-holder" }, this.element), this.now));
     this.map = new TeamMap(this.element, () => {}, zoom);
-    this.lane = new Lane($("lanes"), html("span", {}, title), `questions and miscoordinations of ${title}`,
+    this.lane = new Lane($("lanes"), html("span", {}, html("b", {}, letter(k)), ` ${title}`), `questions and miscoordinations of ${title}`,
       (share) => clock && send("seek", Math.round(clock.last * share)));
     connect(`?run=${k}`, (message) => this.take(message), () => tell("notice", "not connected"));
   }
@@ -40,14 +42,15 @@ class Column {
   take(message) {
     this.newest[message.type] = message;
     const draw = {
-      run: () => { this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); },
+      run: () => { this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); },
       frame: () => this.show(message),
       tables: () => { this.map.policy(message); differences(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
       marks: () => this.mark(),
       dialogue: () => this.show(this.newest.frame),
-      evaluation: () => { this.worth(); headline(); },
+      evaluation: () => { this.values(); headline(); },
+      learned: () => { this.learned.textContent = message.lines.join(" "); },
       notice: () => { if (message.text) tell("notice", `${titles[this.k]}: ${message.text}`); },
     }[message.type];
     if (draw && this.newest.run) draw();
@@ -56,16 +59,22 @@ class Column {
   show(frame) {
     if (!frame) return;
     this.map.move(frame, clock?.state === "paused");
-    const said = this.newest.dialogue?.entries.filter((entry) => entry.step === frame.step).map((entry) => entry.text) ?? [];
-    if (frame.miscoordination) said.push("The robots miscoordinate.");
-    const home = frame.cells.every((cell, k) => cell === this.newest.run.robots[k].goal);
+    const { run, dialogue } = this.newest;
+    const said = dialogue?.entries.filter((entry) => entry.step === frame.step).map((entry) => entry.text) ?? [];
+    said.push(...frame.interactions);
+    const home = frame.cells.every((cell, k) => cell === run.robots[k].goal);
     this.now.textContent = said.join(" ") || (home ? "All robots have arrived." : " ");
+    this.spoken = `${letter(this.k)}. ${spoken(run, frame)}`;
   }
 
-  worth() {
-    const { returns, asks, miscoordinations, all_arrived, how } = this.newest.evaluation;
-    this.value.textContent = `Return of a robot ${returns.mean.toFixed(2)} (${how}), questions ${asks.mean.toFixed(2)}; `
-      + `miscoordinations ${miscoordinations.mean.toFixed(3)}; all arrive ${(100 * all_arrived).toFixed(1)} %`;
+  // The values of the newest tables.
+  values() {
+    const { evaluation } = this.newest;
+    const one = (value, words) => html("div", {}, html("dt", {}, words), html("dd", {}, value));
+    const arrived = `${(100 * evaluation.all_arrived).toFixed(1)} %`;
+    this.value.replaceChildren(
+      ...MEASURES.map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
+      one(arrived, "all arrive"));
   }
 
   // What happened when, as ticks on the time line.
@@ -76,7 +85,7 @@ class Column {
       const i = own.findLastIndex((start) => start <= step);
       return i >= 0 && step - own[i] <= lengths[this.k][i] ? offsets[i] + step - own[i] : null;
     };
-    this.lane.show(MARKS.map((kind) => {
+    this.lane.show(kinds().map((kind) => {
       const places = (this.newest.marks?.[kind] ?? []).map(at).filter((position) => position !== null);
       return [kind, places.map((position) => position / Math.max(1, clock.last))];
     }));
@@ -101,13 +110,46 @@ function differences() {
   $("differ").textContent = `where the policies differ (${found.size} cells)`;
 }
 
-// What the teams do differently, in one sentence.
+// A mean, with its standard error where it has one.
+function withError({ mean, standard_error: error }, digits) {
+  return mean.toFixed(digits) + (error > 0 ? ` (s.e. ${error.toFixed(digits)})` : "");
+}
+
+// Which robots of a team ask, in words.
+function askers(run, asking) {
+  const names = asking.map((k) => run.robots[k].name);
+  if (!names.length) return "no robot asks";
+  if (names.length === run.robots.length) return names.length === 2 ? "both robots ask" : "all robots ask";
+  if (names.length === 1) return `only ${names[0]} asks`;
+  return `${names.slice(0, -1).join(", ")} and ${names.at(-1)} ask`;
+}
+
+// What the teams do differently, and what that brings.
 function headline() {
   const values = columns.map((column) => column.newest.evaluation);
   if (!values.every(Boolean)) return;
-  const best = [...values.keys()].sort((a, b) => values[b].returns.mean - values[a].returns.mean);
-  const parts = best.map((k) => `${letter(k)} (${titles[k]}) earns ${values[k].returns.mean.toFixed(2)} a robot, and a robot asks ${values[k].asks.mean.toFixed(2)} times in an episode`);
-  $("headline").textContent = `${parts.join("; ")}.`;
+  const said = values.map((value, k) => askers(columns[k].newest.run, value.askers));
+  const often = values.map((value, k) => `${withError(value.asks, 2)} times an episode in ${letter(k)}`);
+  const asking = new Set(said).size > 1
+    ? `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`
+    : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
+  const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`);
+  $("headline").textContent = `I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
+}
+
+// The scenario and its settings, where they are those of all runs.
+function headerOf() {
+  const runs = columns.map((column) => column.newest.run);
+  const found = new Set(runs.map((run) => run && `${run.scenario}, ${about(run)}`));
+  $("about").textContent = found.size === 1 ? [...found][0] ?? "" : "";
+}
+
+// The kinds of marks that the runs can have.
+const kinds = () => MARKS.filter((kind) => columns.some((column) => column.newest.run?.kinds.includes(kind)));
+
+function legend() {
+  $("marks-legend").replaceChildren(...kinds().map((kind) => html("span", {},
+    svg("svg", { viewBox: "0 0 10 10", "aria-hidden": "true" }, svg("path", { class: `mark ${kind}`, d: "M5,1v8" })), ` ${MARK_NAMES[kind] ?? kind}`)));
 }
 
 function drawCurves() {
@@ -140,7 +182,9 @@ function showClock() {
   const into = clock.position - (aligned?.offsets[clock.segment] ?? 0);
   $("where").textContent = { learned: `step ${into} of the episode that shows what was learned`,
     episode: `episode ${number(clock.segment + 1)}, step ${into}`, step: `time step ${number(columns[0]?.newest.frame?.step)}` }[clock.axis];
+  $("seek").ariaValueText = $("where").textContent;
   place();
+  if (clock.state === "paused") requestAnimationFrame(() => { $("spoken").textContent = columns.map((column) => column.spoken ?? "").join(" "); });
 }
 
 const TAKE = {
@@ -152,13 +196,12 @@ const TAKE = {
   },
   run(message) {
     titles = message.titles;
-    $("title").textContent = titles.map((title, k) => `${letter(k)}: ${title}`).join(" · ");
+    const title = titles.join(" and ");
+    $("title").textContent = title[0].toUpperCase() + title.slice(1);
     document.title = `${titles.join(", ")} – sparse_coord`;
     $("axis").replaceChildren(...message.axes.map((axis) => new Option(AXES[axis], axis)));
     $("rate").replaceChildren(...RATES.map((rate) => new Option(`${number(rate)} steps/s`, rate)));
-    columns = titles.map((title, k) => new Column(k, `${letter(k)}: ${title}`));
-    $("marks-legend").replaceChildren(...MARKS.map((kind) => html("span", {},
-      svg("svg", { viewBox: "0 0 10 10" }, svg("path", { class: `mark ${kind}`, d: "M5,1v8" })), ` ${kind} `)));
+    columns = titles.map((title, k) => new Column(k, title));
   },
   aligned(message) { aligned = message; columns.forEach((column) => column.mark()); },
   clock(message) {
@@ -179,19 +222,32 @@ $("rate").onchange = () => { send("rate", Number($("rate").value)); $("rate").bl
 $("axis").onchange = () => { send("axis", $("axis").value); $("axis").blur(); };
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("theme").onclick = otherTheme;
+$("help").onclick = showKeys;
 for (const name of ["arrows", "rings", "heat", "trails", "differ"]) $(`show-${name}`).onchange = layers;
 
 const KEYS = {
   " ": pause, ArrowRight: () => send("step", 1), ArrowLeft: () => send("step", -1),
   PageDown: () => send("step", 100), PageUp: () => send("step", -100),
   Home: () => send("seek", 0), End: () => send("seek", clock.last),
+  "+": () => faster(1), "-": () => faster(-1),
 };
+const eachMap = (what) => columns.forEach((column) => what(column.map));
+const FREE_KEYS = {
+  t: otherTheme, "?": showKeys, f: () => eachMap((map) => map.fit()),
+  z: () => eachMap((map) => map.zoom(1.5)), x: () => eachMap((map) => map.zoom(1 / 1.5)),
+};
+
+function faster(by) {
+  const next = by > 0 ? RATES.find((rate) => rate > clock.rate) : RATES.findLast((rate) => rate < clock.rate);
+  if (next !== undefined) send("rate", next);
+}
+
 document.addEventListener("keydown", (event) => {
-  if (event.key === "t") return otherTheme();
-  const own = event.target.matches("select, input") || (event.key === " " && event.target.matches("button"));
-  if (!KEYS[event.key] || !mayControl || !clock || own || event.ctrlKey || event.altKey || event.metaKey) return;
+  const own = event.target.matches("select, input:not([type=checkbox])") || (event.key === " " && event.target.matches("button, input"));
+  const act = FREE_KEYS[event.key] ?? (mayControl && clock ? KEYS[event.key] : undefined);
+  if (!act || own || event.ctrlKey || event.altKey || event.metaKey) return;
   event.preventDefault();
-  KEYS[event.key]();
+  act();
 });
 
 // The last stream is that of the clock.

@@ -59,6 +59,27 @@ const ink = (rgb) => (bright(rgb, 2.2) > 0.24 ? "#000" : "#fff");
 export const tinted = (colour) => `light-dark(${colour}, rgb(${lifted(colour)}))`;
 export const inkOn = (colour) => `light-dark(${ink(parts(colour))}, ${ink(lifted(colour))})`;
 
+// Where the robots are and how they interact, for those who hear the page.
+export function spoken(run, frame) {
+  const places = frame.cells.map((cell, k) => {
+    const at = run.map.cells[cell];
+    return `${run.robots[k].name} ${at ? `in row ${at[0]}, column ${at[1]}` : "not seen"}`;
+  });
+  return `Time step ${number(frame.step)}: ${[`${places.join("; ")}.`, ...frame.interactions].join(" ")}`;
+}
+
+// A button that shows and hides the keys.
+export function showKeys() {
+  $("keys").hidden = !$("keys").hidden;
+  $("help").ariaExpanded = String(!$("keys").hidden);
+}
+
+// What a run is about, without its learner.
+export function about(run) {
+  const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
+  return `${team}, penalty ${run.penalty}, percepts: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
+}
+
 // Dark where the page is light, and the other way round.
 export function otherTheme() {
   const own = document.documentElement.style, system = matchMedia("(prefers-color-scheme: dark)");

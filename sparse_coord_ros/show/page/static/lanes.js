@@ -9,7 +9,8 @@ export class Lane {
   // The label stands before the lane; seek is called with the share of the time line that was clicked.
   constructor(holder, label, title, seek) {
     this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", role: "img", "aria-label": title });
-    holder.append(html("div", { className: "lane-of" }, label, this.picture));
+    this.row = html("div", { className: "lane-of" }, label, this.picture);
+    holder.append(this.row);
     this.picture.addEventListener("click", (event) => {
       const box = this.picture.getBoundingClientRect(), inner = box.width - 16; // without its padding
       seek(Math.min(1, Math.max(0, (event.clientX - box.left - 8) / inner)));

@@ -58,7 +58,7 @@ export class TeamMap extends View {
 
   look() {
     const pixels = super.look();
-    this.grown = Math.max(1, SMALLEST / (13.5 * pixels)) || 1; // a robot is seen on a large map, too
+    this.grown = pixels ? Math.max(1, SMALLEST / (13.5 * pixels)) : 1; // a robot is seen on a large map, too
     this.element.style.setProperty("--grown", this.grown);
     this.element.classList.toggle("far", this.grown > 1.4);
     if (this.frame) this.move(...this.frame);
@@ -129,29 +129,42 @@ export class TeamMap extends View {
     const old = !rushing ? [] : this.lingering.filter((one) => one.until > now && !asked.has(one.ask.robot) && one.step !== frame.step);
     this.lingering = [...old, ...frame.asks.map((ask) => ({ ask, places, until: now + LINGER_MS, step: frame.step }))];
     this.layer.asks.replaceChildren(...this.lingering.filter(({ ask, places }) => places[ask.robot]).map(({ ask, places }) => this.question(ask, places)));
-    const met = frame.miscoordination ? this.interacting(frame.cells, frame.after ?? frame.cells) : [];
-    const helped = this.helping(frame.cells).length ? [] : this.helping(frame.after ?? frame.cells);
-    const mark = (cells, name, sign) => cells.flatMap((cell) => {
-      const [x, y] = this.centre(cell);
-      return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: name }),
-        svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: `${name}-sign` }, sign)];
-    });
-    this.layer.met.replaceChildren(...mark(met, "met", "✖"), ...mark(helped, "helped", "✔"));
+    this.layer.met.replaceChildren(
+      ...frame.together.flatMap((cell) => this.meeting(cell)),
+      ...frame.exchanges.flatMap((pair) => this.exchange(pair.map((k) => frame.cells[k]))),
+      ...frame.stopped.map(([k, , cell]) => this.barrier(frame.cells[k], cell)),
+      ...this.helping(frame).flatMap((cell) => this.ring(cell, "helped", "✔")));
   }
 
-  // The help places that robots are in, if these are two or more.
-  helping(cells) {
-    const found = this.run.map.helps.filter((cell) => cells.includes(cell));
-    return found.length > 1 ? found : [];
+  // The help places in which robots help each other in this time step.
+  helping({ cells, after }) {
+    const [before, now] = [cells, after ?? cells].map((own) => this.run.map.helps.filter((cell) => own.includes(cell)));
+    return now.length > 1 && before.length < 2 ? now : [];
   }
 
-  // The cells of robots that are together after a step, or exchanged their cells in it.
-  interacting(before, after) {
-    const { places, passages } = this.run.map;
-    const found = after.filter((cell, k) => after.some((other, j) => j !== k && (
-      (places[cell] >= 0 && places[cell] === places[other])
-      || (cell !== before[k] && cell === before[j] && other === before[k] && passages[cell] && passages[other]))));
-    return [...new Set(found)];
+  // A ring around a cell in which robots miscoordinate, and its sign.
+  meeting(cell) {
+    return this.ring(cell, "met", "✖");
+  }
+
+  ring(cell, name, sign) {
+    const [x, y] = this.centre(cell);
+    return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: name }),
+      svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: `${name}-sign` }, sign)];
+  }
+
+  // A ring around both cells that robots exchange, and its sign between them.
+  exchange(cells) {
+    const [[x, y], [x2, y2]] = cells.map((cell) => this.centre(cell));
+    const rings = [[x, y], [x2, y2]].map(([cx, cy]) => svg("circle", { cx, cy, r: UNIT * 0.46 * this.grown, class: "met" }));
+    return [...rings, svg("text", { x: (x + x2) / 2, y: (y + y2) / 2, class: "met-sign" }, "⇄")];
+  }
+
+  // A bar between a robot that is stopped and the cell into which it wants.
+  barrier(cell, wanted) {
+    const [x, y] = this.centre(cell), [x2, y2] = this.centre(wanted);
+    const [mx, my] = [(x + x2) / 2, (y + y2) / 2], [dx, dy] = [0.36 * (y2 - y), 0.36 * (x2 - x)];
+    return svg("path", { d: `M${mx - dx},${my - dy}L${mx + dx},${my + dy}`, class: "bar-in-the-way" });
   }
 
   // Lines from who asks to whom it asks; the sign is between two that are apart, else beside the asker.

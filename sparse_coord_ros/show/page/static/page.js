@@ -2,7 +2,7 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { $, html, inkOn, number, otherTheme, shape, svg, tell, tinted } from "/draw.js";
+import { $, about, html, inkOn, number, otherTheme, shape, showKeys, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel } from "/panels.js";
@@ -13,6 +13,8 @@ const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
 // What one can jump to: its button, its key, what it does.
 const JUMPS = {
   question: ["question", "q", "the next question"], miscoordination: ["miscoordination", "m", "the next miscoordination"],
+  exchange: ["exchange", "e", "the next exchange of cells"],
+  stopped: ["stopped robot", "s", "the next robot that another one stops"],
   policy: ["change of asking", "p", "the next change of where a robot would ask"],
   crossing: ["First crossing", "c", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
 };
@@ -94,14 +96,14 @@ function begin() {
   const { run } = newest;
   $("title").textContent = run.title;
   document.title = `${run.scenario} – sparse_coord watch`;
-  const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${team}, penalty ${run.penalty}, percepts: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
+  $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${about(run)}`;
   Object.assign($("map-title"), { textContent: run.map.name, title: run.map.title });
   map.begin(run);
   $("robots").replaceChildren(...run.robots.map(chip));
   legend();
   const rates = run.source === "bag" ? RATES : [...RATES, 0];
   $("rate").replaceChildren(...rates.map((r) => new Option(r ? `${number(r)} steps/s` : "as fast as it goes", r)));
+  for (const [kind, { lane }] of Object.entries(lanes)) lane.row.hidden = !run.kinds.includes(kind);
   $("penalty").value = run.penalty;
   $("scenario").value = run.scenario;
   showControls();
@@ -141,10 +143,12 @@ function legend() {
     item(html("span", { id: "asked-where" }), svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
     item("a greedy robot never gets here", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
     item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
-    item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")),
-    ...run.map.helps.length ? [
-      item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help" })),
-      item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔"))] : []);
+    item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
+  if (run.map.helps.length) $("legend").append(
+    item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help" })),
+    item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔")));
+  if (run.kinds.includes("exchange")) $("legend").append(item("robots exchange cells", svg("text", { x: 30, y: 12, class: "met-sign" }, "⇄")));
+  if (run.kinds.includes("stopped")) $("legend").append(item("another robot stops it", svg("path", { d: "M30,3v16", class: "bar-in-the-way" })));
 }
 
 function showFrame() {
@@ -173,6 +177,9 @@ function showFrame() {
     charts.place([frame.step]);
   }
   map.move(frame, held);
+  $("now").textContent = frame.interactions.join(" ");
+  $("seek").ariaValueText = `time step ${number(frame.step)}`;
+  if (held) $("spoken").textContent = spoken(run, frame);
   agesPanel(run, newest.tables, frame);
   showHalting();
 }
@@ -206,8 +213,8 @@ function showCurves() {
 function showMarks() {
   const { marks, frame } = newest;
   for (const [kind, { button, lane }] of Object.entries(lanes)) {
-    button.disabled = !marks?.[kind].length;
-    if (marks && frame) lane.show([[kind, marks[kind].map((step) => (step - frame.first) / Math.max(1, frame.last - frame.first))]]);
+    button.disabled = !marks?.[kind]?.length;
+    if (marks?.[kind] && frame) lane.show([[kind, marks[kind].map((step) => (step - frame.first) / Math.max(1, frame.last - frame.first))]]);
   }
 }
 
@@ -244,7 +251,7 @@ for (const [kind, [words, key, what]] of Object.entries(JUMPS)) {
 for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }
-$("help").onclick = () => { $("keys").hidden = !$("keys").hidden; };
+$("help").onclick = showKeys;
 $("theme").onclick = otherTheme;
 
 function faster(by) {

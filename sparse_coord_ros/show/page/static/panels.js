@@ -14,7 +14,7 @@ export function cellPanel(run, tables, pointed, { cell, peerCell }) {
   $("cell-title").textContent = !chosen ? "Q* of a cell"
     : peerCell === null ? `Q* of ${place(cell)}` : `Q* of ${place(cell)}, Q^C with the peer in ${place(peerCell)}`;
   const names = run.actions.map((name) => (name === "coordinate" ? "ask" : name));
-  const rows = chosen ? [row("th", ["", ...names])] : [];
+  const rows = chosen ? [row("th", ["robot", ...names])] : [];
   const said = [];
   for (const [k, own] of chosen ? tables.robots.entries() : []) {
     if (!own) continue;
@@ -104,7 +104,7 @@ export function evaluationPanel(e) {
     return one;
   });
   $("evaluation").replaceChildren(
-    row("th", ["", `${e.learner}, ${e.how}`]),
+    row("th", ["measure", `${e.learner}, ${e.how}`]),
     row("td", ["discounted return of a robot", pair(e.returns)]),
     ...known,
     row("td", ["time to goal", pair(e.time_to_goal)]),
