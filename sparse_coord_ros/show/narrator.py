@@ -243,7 +243,7 @@ class Narrator:
     def does(
         self, robot: int, cell: int, move: int, after: int | None, why: str = ""
     ) -> str:
-        """Return what a robot does, and whether it comes closer to its goal.
+        """Return a robot's action in words, and whether it comes closer to its goal.
 
         Args:
             robot: the robot.

@@ -64,7 +64,7 @@ def test_robots_that_never_meet_lose_nothing(cost):
     found = advice(scenario)
     assert (found.kind, found.loss, found.ratio) == (WILL_NOT_PAY, 0.0, 0.0)
     assert found.text == (
-        "Coordination will not pay: robots that ignore each other lose 0.00 each."
+        "Asking will not pay: robots that ignore each other lose 0.00 each."
     )
 
 
@@ -122,7 +122,7 @@ def test_robots_that_can_avoid_each_other_need_not_ask():
     found = advice(load_scenario("unseen1-doors-2r-1"))
     assert found.kind == AVOIDABLE and found.ratio > 40
     assert found.text.startswith(
-        "Asking will not pay, as robots can take ways on which"
+        "Asking will not pay, because robots can take ways on which"
     )
 
 

@@ -23,7 +23,8 @@ AVOIDABLE = "avoidable"
 """Asking will not pay, as robots can keep out of each other's way for nothing."""
 
 LEAST_WORTH = 1.0
-"""Below this worth hardly any team gains something by asking."""
+"""Below this worth a question costs more than all that can be won, and robots hardly ask. They may
+still win a part of that little by their choice of ways."""
 
 SURE_WORTH = 3.0
 """From this worth on nearly every pair closes at least half of the gap to the joint optimum."""
@@ -70,7 +71,7 @@ def advice(scenario: Scenario) -> Advice:
     sure = SURE_WORTH if optimum.exact else SURE_WORTH_BY_BOUND
     if worth < LEAST_WORTH:
         kind = WILL_NOT_PAY
-        said = "Coordination will not pay"
+        said = "Asking will not pay"
     elif optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
         said = "Asking will not pay, because robots can take ways on which they do not meet"

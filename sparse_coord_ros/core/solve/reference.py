@@ -9,8 +9,9 @@ With swap, block or help they are not independent: a pair is evaluated as one jo
 and a larger team by trials.
 """
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,12 +215,8 @@ def _miscoordination_probability(
     ]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))
-    shares = [_shares(scenario, own) for own in moves]
-    cells = len(scenario.map.cells)
-    stay = np.arange(cells)[:, None]
-    leads = np.concatenate([scenario.map.next_cell, stay], axis=1).ravel()
-    place = np.zeros((len(robots), cells))  # [k, x]: probability of robot k in cell x
-    place[numbers, [robot.start for robot in robots]] = 1.0
+    places_in_time = _places_in_time(scenario, moves)
+    place = next(places_in_time)
     in_doorway: list[list[np.ndarray]] = []
     all_arrived: list[float] = []
     moving = np.ones(place.shape, dtype=bool)
@@ -232,10 +229,7 @@ def _miscoordination_probability(
         if rest <= NEGLIGIBLE_PROBABILITY:
             break
         all_arrived.append(place[numbers, goals].prod())
-        moved = zip(place, shares, strict=True)
-        place = np.stack(
-            [np.bincount(leads, (p[:, None] * s).ravel(), cells) for p, s in moved]
-        )
+        place = next(places_in_time)
         in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
@@ -244,6 +238,48 @@ def _miscoordination_probability(
     likely = np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
     in_time = all_arrived[scenario.horizon : scenario.horizon + 1]
     return likely, float(in_time[0]) if in_time else 1.0
+
+
+def _places_in_time(
+    scenario: Scenario, moves: Sequence[np.ndarray]
+) -> Iterator[np.ndarray]:
+    """Yield the probability of robot k in cell x [k, x], at the start and after each step.
+
+    It does not end. Robots are not in each other's way.
+    """
+    shares = [_shares(scenario, own) for own in moves]
+    cells = len(scenario.map.cells)
+    stay = np.arange(cells)[:, None]
+    leads = np.concatenate([scenario.map.next_cell, stay], axis=1).ravel()
+    place = np.zeros((len(moves), cells))
+    starts = [robot.start for robot in scenario.robots]
+    place[np.arange(len(moves)), starts] = 1.0
+    while True:
+        yield place
+        moved = zip(place, shares, strict=True)
+        place = np.stack(
+            [np.bincount(leads, (p[:, None] * s).ravel(), cells) for p, s in moved]
+        )
+
+
+def expected_meetings(scenario: Scenario) -> np.ndarray:
+    """Return how many pairs of robots on shortest paths end a step in a cell, by cell [x].
+
+    Steps are discounted, and end at the horizon. Equally short ways are equally likely. Robots are
+    not in each other's way, and none counts at its own goal.
+    """
+    moves = [_shortest(scenario, robot, keep_right=False) for robot in scenario.robots]
+    goals = [robot.goal for robot in scenario.robots]
+    found = np.zeros(len(scenario.map.cells))
+    places_in_time = itertools.islice(
+        _places_in_time(scenario, moves), scenario.horizon
+    )
+    for t, place in enumerate(places_in_time):
+        under_way = place.copy()
+        under_way[np.arange(len(goals)), goals] = 0.0
+        pairs = (under_way.sum(axis=0) ** 2 - (under_way**2).sum(axis=0)) / 2
+        found += scenario.discount**t * pairs
+    return found
 
 
 def _one_each(occupied: np.ndarray) -> np.ndarray:
