@@ -15,10 +15,12 @@ from teams import tables_in
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import Server
@@ -840,3 +842,31 @@ def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
     wait_for(tab, f"{text_of('saved')}.includes('lane.yaml')")
     assert load_scenario(out / "lane.yaml").interactions == "swap+block"
     assert "resolution: 0.1" in (tmp_path / "lane.yaml").read_text()
+
+
+def test_the_map_marks_help(tab):
+    """Help places always; a tick where robots help each other, in that step alone."""
+    run = make_run(load_scenario("lift"), {})
+    board = MessageBoard()
+    board.put(
+        "run", source="live", title="made up", controls=(), **messages.run_fields(run)
+    )
+    server = Server(board, port=0)
+    tab.goto(server.address)
+
+    narrator = Narrator(run.scenario)
+
+    def show(step, cells, after):
+        seen = TeamTransition(step, cells, (None, None), after, False)
+        frame = messages.frame_fields(seen, [[cell] for cell in cells], narrator)
+        state = {"state": "learning", "rate": 0, "speed": None}
+        board.put("frame", **frame, **state, transitions=step, episode=0)
+        wait_for(tab, f"{STEP} === {step}")
+        return tab.evaluate("document.querySelectorAll('#map .helped').length")
+
+    assert show(1, (4, 12), (5, 12)) == 2
+    assert show(2, (5, 12), (5, 12)) == 0
+    assert show(3, (4, 11), (5, 11)) == 0
+    assert tab.evaluate("document.querySelectorAll('#map rect.help').length") == 2
+    assert "help place" in tab.evaluate("document.getElementById('legend').innerText")
+    server.close()

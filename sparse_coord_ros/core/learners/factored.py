@@ -193,9 +193,11 @@ class Factored(Learner):
                 f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
                 f"prior={prior}"
             )
-        felt = self.weights(scenario).common * scenario.penalties[robot]
+        weight = self.weights(scenario).common
+        felt = weight * scenario.penalties[robot]
+        with_help = weight * (scenario.penalties[robot] + scenario.help_rewards[robot])
         for name in ("door", "passage"):
-            if not np.isin(memory[name], [0.0, felt]).all():
+            if not np.isin(memory[name], [0.0, felt, with_help]).all():
                 raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
         best = memory["q_star"].max(axis=1)
         kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
@@ -667,12 +669,17 @@ def led_to(mind: Any, task: Task, now: Transition) -> int:
 
 @inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or the loss from a stop on the way to cell y; note the place."""
+    """Return r^C, or the loss from a stop on the way to cell y; note the place.
+
+    Help has no place of its own: the robot felt it while the peer was in another cell.
+    """
     if y != now.next_cell:
         mind.narrow[y] = True
         return -loss_of_stop(mind, task)
     if now.partners == 0 or now.common == 0.0:
         return 0.0
+    if now.common > 0.0:
+        return now.common
     if not task.swaps:
         mind.door[y] = now.common
     elif now.seen != 0:
