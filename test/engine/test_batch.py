@@ -76,7 +76,7 @@ def test_hashed_tables_grow_and_stay_half_empty(monkeypatch):
         sizes.add(places)
     assert len(sizes) >= 4
     assert rows.used.min() > 64
-    assert run.visited.tolist() == rows.used[:, 0].tolist()
+    assert run.rows_learned(run.tables).tolist() == rows.used[:, 0].tolist()
 
 
 def test_what_trials_look_at_is_not_learned():

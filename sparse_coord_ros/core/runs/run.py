@@ -263,7 +263,7 @@ class Team:
             streams.PERCEPT: can_fail,
             streams.START: bool(np.any(rule.exploring)),
             streams.REPLAY: learning and self.learner.draws,
-            streams.BLIND: learning and can_fail,
+            streams.BLIND: learning and self.learner.asks,
             streams.LEAVE: rule.leaving > 0.0,
         }
 
