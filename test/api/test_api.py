@@ -274,7 +274,7 @@ def test_frames_of_experiments():
     assert by_run.returns[1] - by_run.returns_low[1] == pytest.approx(half, rel=1e-4)
     assert by_run.arrived[0] == 1 - result.not_arrived[0] / 3
     once = sc.run_experiment(IDS[0], runs=1, trials=1).to_pandas()
-    assert np.isnan(once.reward_standard_error[0])
+    assert np.isnan(once.returns_standard_error[0])
 
 
 OVER = {"penalty": [-20, -100], "ask_cost": (1.0,), "learner": ["indiv", "noncoop"]}

@@ -89,7 +89,7 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
     code, _, err = sparse_coord("evaluate", "a", "--trials", 10)
     assert (
         code == 0
-        and "a: the run is not finished, its tables are those of the way" in err
+        and "a: the run is not finished, its tables are those of a checkpoint" in err
     )
     assert err.endswith(f"go on with: sparse_coord {verb} --resume a\n")
 

@@ -282,7 +282,7 @@ def test_it_says_what_coordination_will_bring_and_where_a_doorway_is_missing(pag
     wait_for(lambda: board.get("prospect")["doorway"])
     prospect = board.get("prospect")
     assert prospect["doorway"] == (2.5, 2.5)
-    assert prospect["advice"].startswith("Coordination will not pay: ")
+    assert prospect["advice"].startswith("Asking will not pay: ")
     assert "a doorway at 2.50,2.50, where they meet most often" in prospect["note"]
 
 

@@ -75,7 +75,7 @@ def test_it_plans_with_robots_that_are_together_anywhere_and_refuses_other_kinds
     code, _, err = sparse_coord("improve", "a")
     assert (code, err) == (0, "")
     _, out, _ = sparse_coord("evaluate", "a", "a/improved", "--json")
-    learned, improved = (run["reward"]["mean"] for run in json.loads(out)["runs"])
+    learned, improved = (run["returns"]["mean"] for run in json.loads(out)["runs"])
     assert improved > learned
     assert (
         sparse_coord(*TRAIN, "--set", "interactions=swap+block", "--out", "b")[0] == 0

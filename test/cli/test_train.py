@@ -181,7 +181,7 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     )
     code, out, err = sparse_coord("train", "env1", *arguments, "--out", "a")
     assert (code, out) == (130, "")
-    assert "go on with: sparse_coord train --resume a\n" in err
+    assert "continue with: sparse_coord train --resume a\n" in err
     assert names(folder / "a") == ["checkpoint.npz", "run.yaml"]
     message = sparse_coord("train", "env2-2r", "--steps", 7, "--resume", "a")[2]
     assert "SCENARIO, --steps" in message
@@ -212,7 +212,7 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     assert "is finished" in sparse_coord("train", "--resume", "a")[2]
     (folder / "a" / "checkpoint").mkdir()
     assert (
-        "go on with: sparse_coord run --resume a\n"
+        "continue with: sparse_coord run --resume a\n"
         in sparse_coord("train", "--resume", "a")[2]
     )
 
@@ -256,7 +256,7 @@ def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):
     monkeypatch.setattr(train_verb, "train", not_now)
     monkeypatch.setattr(train_verb, "has_numba", lambda: False)
     monkeypatch.setattr(train_verb, "engine_for", lambda *_: "python")
-    note = "numba is not installed: plain Python, about 100 times slower; pip install numba\n"
+    note = "numba is not installed: computing in plain Python, about 100 times slower; pip install numba\n"
     long = ("train", "env1", "--steps", "1e6", "--out", "a")
     assert note in sparse_coord(*long)[2]
     assert note not in sparse_coord(*long, "--json")[2]
@@ -288,7 +288,7 @@ def test_an_interrupt_while_numba_compiles(folder, number):
             process.wait()
         assert (process.returncode, printed) == (130, ""), said
         assert said.endswith("interrupted\n") and "Traceback" not in said
-        assert "go on with" in said or not out.exists()
+        assert "continue with" in said or not out.exists()
 
 
 @pytest.mark.parametrize(("scenario", "how"), [("env1", ("--exact",)), ("env2-4r", ())])

@@ -267,7 +267,7 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(
         ({"seed": 6}, "another run"),
         ({"learner": "noncoop"}, "another run"),
         ({"penalty": -7}, "another run"),
-        ({"format": 4}, "is in format 4"),
+        ({"format": 3}, "is in format 3"),
     ],
 )
 def test_another_run_or_format_is_refused(

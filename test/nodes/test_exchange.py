@@ -83,7 +83,7 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(
     out = tmp_path / "out"
     with ros_context() as context:
         run_team(values(out, step_timeout=0.6, percept_timeout=0.5), context=context)
-    assert "robot_2 did not say what was learned" in capfd.readouterr().err
+    assert "robot_2 did not share tables" in capfd.readouterr().err
     learned = tables_in(out)
     plan = tables_in(out / "improved")
     assert tables_equal(plan[:1], learned[:1]) and not tables_equal(

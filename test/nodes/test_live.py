@@ -102,7 +102,7 @@ def test_a_world_that_all_robots_have_left_is_ended(started, monkeypatch, capsys
     assert summary["interrupted"]
     assert made["world_simulator"].signals == [signal.SIGINT]
     assert made["robot_1"].signals == []
-    assert "all robots have left" in capsys.readouterr().err
+    assert "all robots are gone" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("signalled", [False, True])

@@ -484,7 +484,7 @@ def terminal(own_domain):
 
 def test_keys(terminal, bag):
     shell = terminal(str(bag), "--step", "--start", "3")
-    shell.wait_for("space: pause or go on")
+    shell.wait_for("space: pause or resume")
     shell.type(b"\x1b[C")
     shell.wait_for("paused at 3.")
     shell.type(b"\x1b[C")

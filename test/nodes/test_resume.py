@@ -221,7 +221,7 @@ def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
     made.ears["robot_2"](Progress("life 2", its_step, its_step, resumed=True))
     assert made.counted["robot_steps_lost"] == lost
     [line] = made.lines
-    assert f"until step {its_step}: the team continues, {lost} time steps" in line
+    assert f"up to step {its_step}: the team continues, {lost} time steps" in line
 
 
 def test_the_team_goes_on_without_who_does_not_obey_in_time():

@@ -150,7 +150,7 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
     )
     assert robot.member is None and robot.failure is None
     assert (
-        f"begins with the tables of '{tmp_path}', which this robot"
+        f"begins with the tables of '{tmp_path}', but parameter 'tables' of this robot is empty"
         in capfd.readouterr().err
     )
 

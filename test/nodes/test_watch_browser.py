@@ -764,7 +764,7 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     robots = ("--start", "-5,0", "5,0", "--goal", "5,0", "-5,0")
     process = start("cli.main", "import-map", office, *options, *robots)
     tab.goto(address_of(process))
-    wait_for(tab, f"{text_of('advice')}.startsWith('Coordination will not pay: ')")
+    wait_for(tab, f"{text_of('advice')}.startsWith('Asking will not pay: ')")
     assert tab.evaluate(WIDE)
     assert "interactions=together fits" in tab.evaluate(text_of("interactions"))
     assert tab.evaluate("document.querySelectorAll('#legend span').length") == 5

@@ -450,7 +450,7 @@ def test_the_history_leaves_out_what_is_cut(chunked, flipped):
     [gap] = log.gaps
     rows = np.isin(whole.first_step, cut.first_step)
     assert np.array_equal(whole.length[rows], cut.length)
-    assert np.array_equal(whole.reward[rows], cut.reward)
+    assert np.array_equal(whole.returns[rows], cut.returns)
     assert 0 < rows.sum() < len(rows)
     lengths = whole.first_step + whole.length
     assert rows[lengths < gap.first].all() and rows[whole.first_step > gap.last].all()

@@ -102,7 +102,7 @@ def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice
     said = "Coordination may pay"
     if worth < LEAST_WORTH:
         kind = WILL_NOT_PAY
-        said = "Coordination will not pay"
+        said = "Asking will not pay"
     elif optimum.exact and worth >= SURE_WORTH:
         kind = WILL_PAY
         said = "Coordination will pay"

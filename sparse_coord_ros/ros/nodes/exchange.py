@@ -72,7 +72,7 @@ class Exchange:
         silent = [name for k, name in enumerate(self._names) if k not in self._learned]
         if silent:
             self._node.get_logger().warning(
-                f"{', '.join(silent)} did not share their tables within step_timeout: this "
+                f"{', '.join(silent)} did not share tables within step_timeout: this "
                 "robot keeps its own tables"
             )
             return None
