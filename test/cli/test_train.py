@@ -256,7 +256,10 @@ def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):
     monkeypatch.setattr(train_verb, "train", not_now)
     monkeypatch.setattr(train_verb, "has_numba", lambda: False)
     monkeypatch.setattr(train_verb, "engine_for", lambda *_: "python")
-    note = "numba is not installed: computing in plain Python, about 100 times slower; pip install numba\n"
+    note = (
+        "numba is not installed: computing in plain Python, about 100 times slower; "
+        "pip install numba\n"
+    )
     long = ("train", "env1", "--steps", "1e6", "--out", "a")
     assert note in sparse_coord(*long)[2]
     assert note not in sparse_coord(*long, "--json")[2]
