@@ -88,7 +88,7 @@ CURVES: Mapping[str, str] = {
     "length": "steps of an episode",
     "returns": "return of a robot\n(undiscounted)",
     "miscoordinations": "miscoordinations\nof an episode",
-    "asks": "COORDINATE of a robot\nin an episode",
+    "asks": "questions of a robot\nin an episode",
 }
 """The learning curves, and how their axes are called."""
 
@@ -385,7 +385,7 @@ def _policy_key(shown: OpenedRun, robots: Sequence[int], axes: Axes) -> None:
         )
     if shown.played is not None:
         pale = Line2D(
-            [], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here"
+            [], [], color="0.3", alpha=0.3, linewidth=2.2, label="never visited"
         )
         handles.append(pale)
     axes.legend(handles=handles, ncols=2, loc="upper center", bbox_to_anchor=(0.5, 0))

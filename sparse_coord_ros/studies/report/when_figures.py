@@ -68,7 +68,7 @@ KIND_LINES: Mapping[str, Style] = {
 REGIONS = (
     (0.0, LEAST_WORTH, "no need to", "#FFFFFF"),
     (LEAST_WORTH, ALWAYS_PAYS, "ask where it matters", "#F2F2F2"),
-    (ALWAYS_PAYS, np.inf, "always look", "#DDDDDD"),
+    (ALWAYS_PAYS, np.inf, "always ask", "#DDDDDD"),
 )
 """Ratios, name and colour of each region."""
 
