@@ -282,7 +282,7 @@ def test_numba_missing(sparse_coord, refused, monkeypatch):
     arguments = ("reproduce", one, *FEW, "--jobs", 1, "--out", "r")
     code, plain, err = sparse_coord(*arguments, "--json")
     assert code == 0
-    assert err.count("numba is not installed: plain Python") == 1
+    assert err.count("numba is not installed: computing in plain Python") == 1
     assert np.isfinite(json.loads(plain)["conditions"][0]["returns"]["mean"])
     assert "not installed" in refused(*arguments, "--engine", "numba")
 
