@@ -34,11 +34,11 @@ from sparse_coord_ros.protocol.wire.messages import Messages, read_labelled
 from sparse_coord_ros.ros.nodes.ros_topics import bind
 
 TEXT = 8
-"""Where the text of a std_msgs/String begins in its bytes."""
+"""Offset of the text in the bytes of a std_msgs/String."""
 
 
 class Converter(Messages):
-    """The messages of one run, with rclpy, which decodes other layouts.
+    """The messages of one run, with rclpy, which also decodes other layouts.
 
     Args:
         run: the run.
@@ -129,7 +129,7 @@ def map_header(stamp: tuple[int, int]) -> Header:
 
 
 def run_announced(data: bytes) -> str:
-    """Return the identity of the run that a world announces; nothing else is read."""
+    """Return the identity of the run that a world announces; the rest is not read."""
     return RunConfig.identity(data[TEXT : TEXT + 200])
 
 
@@ -180,7 +180,7 @@ def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
 
     Args:
         data: the bytes.
-        step: all is learned that happened before this time step.
+        step: the tables contain all learning before this time step.
         occasion: one of `wire.Occasion`.
     """
     message = UInt8MultiArray(data=packed("B", data))
