@@ -241,7 +241,7 @@ class LaunchedTeam:
         return self.given.get(name, self._arguments[name].default)
 
     def of_world(self, name: str) -> Any:
-        """Return a given argument, else the world's value in the parameter file, else the default."""
+        """Return a given argument, else the world's value in the file, else the default."""
         return self.given.get(name, self._in_file.get(name, self.get(name)))
 
     def of(self, names: Iterable[str]) -> dict[str, Any]:

@@ -120,7 +120,8 @@ def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
 def shared_memory(folder: Path = Path("/dev/shm")) -> Iterator[Finding]:
     """Check the shared memory that connects nodes on one machine.
 
-    Args: folder: its directory.
+    Args:
+        folder: its directory.
     """
     from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 

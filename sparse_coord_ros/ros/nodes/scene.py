@@ -169,7 +169,9 @@ class ScenePublisher:
     ) -> None:
         """Publish the scene, unless the last one is too young.
 
-        Args: step: the time step. cells: the robots' cells then.
+        Args:
+            step: the time step.
+            cells: the robots' cells then.
             stamp: the ROS time, (sec, nanosec).
             always: True: publish it even then.
         """

@@ -79,7 +79,8 @@ CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
 class Controls(Controlled):
     """Requests of a page: calls of the world's services, and to halt also of the drivers'.
 
-    Args: node: makes the calls.
+    Args:
+        node: makes the calls.
 
     Attributes:
         view: shows the outcome; None: no run is shown.
