@@ -19,9 +19,10 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinxarg.ext",
+    "mathml",
 ]
 exclude_patterns = ["_build", "tables"]
-myst_enable_extensions = ["substitution"]
+myst_enable_extensions = ["amsmath", "dollarmath", "substitution"]
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 html_theme = "furo"
@@ -39,6 +40,8 @@ default_role = "code"  # docstrings have `names` in single backquotes
 suppress_warnings = ["myst.xref_missing", "ref.python"]
 
 HERE = Path(__file__).parent
+html_math_renderer = "mathml"
+html_search_scorer = str(HERE / "static/scorer.js")
 sys.path.append(str(HERE))
 import generate  # noqa: E402 - it lies here
 

@@ -5,7 +5,7 @@
 It learns the values of moves in its cell (Q-learning). If a move from a cell once cost r^C, it
 asks a peer there from then on, and learns the values of moves for each answer.
 
-Written from docs/interface.md: python own_learning_robot.py --ros-args -r __node:=robot_1
+Written from docs/own_robot.md: python own_learning_robot.py --ros-args -r __node:=robot_1
 """
 
 import copy

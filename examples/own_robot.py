@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Your own robot in plain rclpy, without learning: it moves at random.
 
-Written from docs/interface.md: python own_robot.py --ros-args -r __node:=robot_1
+Written from docs/own_robot.md: python own_robot.py --ros-args -r __node:=robot_1
 """
 
 import random

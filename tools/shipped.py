@@ -5,6 +5,7 @@
 python -m tools.shipped asking [--restarts N] [--keep SEARCHES]
 python -m tools.shipped teams [--out study]
 python -m tools.shipped unseen
+python -m tools.shipped kinds
 python -m tools.shipped bounds
 
 asking: asking_teams.json, of `SCENARIOS` with `PENALTIES`, and of `TEACHING`; every search is
@@ -13,8 +14,9 @@ of more than two robots that the study `many` of `tools.study` let learn; the be
 again and judged by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their
 asking teams. Of each kind and team, seeds are looked at from 0 on, and the first with a real
 conflict are taken: what a planner with full sight is worth is above shortest paths by more than
-`CONFLICT`. bounds: bounds.json, of all scenarios of more than two robots in the lists
-of `benchmark`; it takes twenty minutes.
+`CONFLICT`. kinds: asking_teams.json, of the lists of `benchmark` with other interactions. bounds:
+bounds.json, of all scenarios of more than two robots in the lists of `benchmark`; it takes twenty
+minutes.
 """
 
 import argparse
@@ -57,7 +59,7 @@ from tools.study.coordination import CROWDS, MANY, SEED
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 SCENARIOS = ("env1", "env2-2r", "pentagon", "isr", "cit")
 PENALTIES = ("0", "-0.1", "-1", "-10", "-20", "-100")
-TEACHING = ("lane", "merge", "bay", "aisle", "rooms")
+TEACHING = ("lane", "lift", "merge", "bay", "aisle", "rooms")
 """Scenarios of pairs that teach the kinds of interaction, with their own penalty."""
 
 FEW = 5
@@ -101,6 +103,8 @@ def add_asking_team(
     """Search for the best asking team of a scenario, and write it."""
     found = find_asking_team(scenario, restarts=restarts, seed=1, file=search)
     title = f"{scenario.name}, penalty {scenario.penalty:g}"
+    if "interactions" in scenario.given and scenario.name not in TEACHING:
+        title += f", interactions {scenario.interactions}"
     agreed = f"{found.agreed} of {found.restarts}"
     print(f"{title}: {found.value:.6f}, {agreed}, gains {found.gains}", flush=True)
     write("asking_teams.json", {title: asdict(found)})
@@ -197,6 +201,16 @@ def _with_conflict(
             yield scenario, facts
 
 
+def find_kinds(_: argparse.Namespace) -> None:
+    """Search for the asking teams of the lists whose robots exchange cells or stop each other."""
+    for item in chain.from_iterable(LISTS.values()):
+        if "interactions" in item.settings:
+            given = {**item.settings, "penalty": PENALTY}
+            add_asking_team(
+                load_scenario(item.scenario).with_settings(given), UNSEEN_RESTARTS
+            )
+
+
 def find_bounds(_: argparse.Namespace) -> None:
     """Compute the bounds of larger teams that the file lacks."""
     known = json.loads((CONFIG / BOUNDS).read_text(encoding="utf-8"))["bounds"]
@@ -213,6 +227,7 @@ FINDERS = {
     "asking": find_asking_teams,
     "teams": find_teams,
     "unseen": choose_unseen,
+    "kinds": find_kinds,
     "bounds": find_bounds,
 }
 

@@ -12,9 +12,10 @@ from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, wr
 from sparse_coord_ros.cli.options import JSON, PAGE, Option, changes, tell
 from sparse_coord_ros.core.game.grid import FURTHEST
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.lab.maps.gridding import SPECK
 from sparse_coord_ros.lab.maps.image import read_floor_plan
+from sparse_coord_ros.lab.maps.meeting import prospect_of
+from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS
 from sparse_coord_ros.lab.maps.plan import Place
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
@@ -70,6 +71,12 @@ OPTIONS = (
         PLACES,
     ),
     Option("--no-doorway X,Y...", _place, "places in doorways to unmark", PLACES),
+    Option(
+        "--corridors",
+        bool,
+        "mark the cells of corridors one cell wide as doorways, and set interactions to "
+        f"{IN_CORRIDORS}: one robot at a time in each cell",
+    ),
     Option("--doorway-length", DOORWAY_LENGTH.parse, DOORWAY_LENGTH.help),
     SPECK_SIZE,
     changes("change a scenario setting (default: suggested from the map's distances)"),
@@ -111,7 +118,7 @@ def execute(options: argparse.Namespace) -> None:
         raise SettingError(
             "--set needs a scenario: give --start and --goal of the robots"
         )
-    check_free(options, replace=options.replace)
+    check_free(options, plan, replace=options.replace)
     from sparse_coord_ros.cli.computing import Bar
 
     with Bar("cells", "dividing the map into cells"):
@@ -120,12 +127,18 @@ def execute(options: argparse.Namespace) -> None:
         made.notes.append(
             "no scenario: give --start and --goal, in metres, and --replace"
         )
+    prospect = None
+    if made.scenario is not None:
+        with Bar("robots", "comparing with robots that ignore each other"):
+            prospect = prospect_of(made.scenario)
+        if prospect.note:
+            made.notes.append(prospect.note)
     picture = write(options, made)
     rows, columns = made.imported.grid.shape
     facts = {"name": name, "rows": rows, "columns": columns, **made.facts}
     facts |= {"parts": made.imported.parts, "files": [*made.files, picture]}
-    expected = None if made.scenario is None else advice(made.scenario)
-    facts["advice"] = expected
+    facts["advice"] = None if prospect is None else prospect.advice
+    facts["doorway_hint"] = None if prospect is None else prospect.doorway
     lines = [
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {0}; "
         "lower left corner at {origin[0]:g},{origin[1]:g}".format(
@@ -139,7 +152,9 @@ def execute(options: argparse.Namespace) -> None:
         lines.append(
             "robots begin with the values of robots alone on this map (prior=map)"
         )
-    if expected is not None:
-        lines.append(expected.text)
+    untaken = bool(made.imported.corridors) and not options.corridors
+    lines.append(made.interactions + "; --corridors takes it" * untaken)
+    if prospect is not None:
+        lines.append(prospect.advice.text)
     lines += [f"note: {note}" for note in made.notes]
     tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")

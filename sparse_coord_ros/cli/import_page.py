@@ -3,14 +3,17 @@
 """`import-map --page`: clicks choose robots and doorways, a team learns, and bodies drive it."""
 
 import argparse
+import dataclasses
+import math
 import queue
 import signal
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.base.errors import (
+    MapError,
     RunError,
     SettingError,
     SparseCoordError,
@@ -18,15 +21,32 @@ from sparse_coord_ros.base.errors import (
 )
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, ROBOT_COLOURS
 from sparse_coord_ros.cli import train
-from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, write
+from sparse_coord_ros.cli.imported_map import (
+    CELL,
+    RADIUS,
+    Made,
+    check_free,
+    make,
+    write,
+)
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.page import served, show_end
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.grid import FURTHEST, number_of
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive
-from sparse_coord_ros.lab.maps.image import data_url, read_floor_plan
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Moment, drive
+from sparse_coord_ros.lab.maps.image import (
+    FIELDS,
+    FloorPlan,
+    data_url,
+    is_picture,
+    read_floor_plan,
+    read_picture,
+    write_header,
+)
+from sparse_coord_ros.lab.maps.meeting import prospect_of
 from sparse_coord_ros.lab.maps.plan import Place
 from sparse_coord_ros.show.page.controls import (
     DRIVE,
@@ -43,8 +63,15 @@ CELL_AT_FIRST = 0.5
 RADIUS_AT_FIRST = 0.2
 """Metres, unless the options say otherwise."""
 
+SCALE_AT_FIRST: dict[str, Any] = {"resolution": 0.05, "origin": (0.0, 0.0)}
+"""Metres a pixel (as most tools of SLAM have it), and (x, y) of the lower left corner in metres,
+of a picture without a YAML file, until the page says otherwise."""
+
 EPISODES = 20
-"""In which bodies drive a team."""
+"""In which bodies drive a team; a film shows the first one."""
+
+MOST_FRAMES = 600
+"""Of that film."""
 
 SUPERSEDED_BY = {IMPORT: (IMPORT,), SAVE: (IMPORT, SAVE), STOP: (TRAIN, DRIVE)}
 """What need not be done any more, by what was wished for right after it."""
@@ -58,7 +85,8 @@ def serve(options: argparse.Namespace) -> None:
     learning = MessageBoard()
     board = MessageBoard()
     board.source = page = ImportPage(options, board)
-    threading.Thread(target=page.work, daemon=True).start()
+    for work in (page.work, page.judge):
+        threading.Thread(target=work, daemon=True).start()
     with served(options, learning, board, index="import.html"):
         while True:
             try:
@@ -82,12 +110,21 @@ class ImportPage(Controlled):
         MapError: the map cannot be read.
     """
 
+    _plan: FloorPlan
+
     def __init__(self, options: argparse.Namespace, board: MessageBoard) -> None:
         super().__init__()
         self._options = options
         self._board = board
         self._replace = options.replace
-        self._plan = plan = read_floor_plan(options.map)
+        self._picture = is_picture(options.map)
+        if self._picture:
+            self._plan = read_picture(options.map, **SCALE_AT_FIRST)
+        else:
+            self._plan = read_floor_plan(options.map)
+        self._to_judge: queue.SimpleQueue[tuple[dict[str, Any], Scenario]] = (
+            queue.SimpleQueue()
+        )
         self._busy = self._stopped = self._learned = False
         self._lock = threading.Lock()
         self._out: Path | None = None
@@ -98,15 +135,18 @@ class ImportPage(Controlled):
             "cell": cell,
             "radius": radius,
             **{n: getattr(options, n) for n in PLACES},
+            "corridors": options.corridors,
         }
-        rows, columns = plan.free.shape
+        if self._picture:
+            first["scale"] = SCALE_AT_FIRST
         board.put(
             "run",
             controls=(IMPORT, SAVE, TRAIN, STOP, DRIVE),
-            name=plan.name,
-            picture=data_url(plan),
-            origin=plan.origin,
-            size=(columns * plan.resolution, rows * plan.resolution),
+            name=self._plan.name,
+            picture=data_url(self._plan),
+            pixels=self._plan.free.shape[::-1],
+            scale={"resolution": self._plan.resolution, "origin": self._plan.origin},
+            header=str(self._plan.path) if self._picture else "",
             doorway_colour=DOORWAY_COLOUR,
             colours=ROBOT_COLOURS,
             chosen=first,
@@ -117,7 +157,9 @@ class ImportPage(Controlled):
         """Do it soon; SparseCoordError where a value is none. Called from the server's thread."""
         if control.name == STOP:
             self._stop()  # at once; as a wish it stops a team that has not begun
-        value = None if control.name in (DRIVE, STOP) else _chosen(control.value)
+        value = None
+        if control.name not in (DRIVE, STOP):
+            value = _chosen(control.value, scaled=self._picture)
         self._wishes.put(Control(control.name, value))
 
     def work(self) -> None:
@@ -133,6 +175,25 @@ class ImportPage(Controlled):
                 self._do(waiting.pop(0))
             except (SparseCoordError, OSError) as error:
                 self._board.put("problem", text=str(failure_of(error)))
+
+    def judge(self) -> None:
+        """Say for ever what coordination will bring, of the newest scenario that was made."""
+        while True:
+            chosen, scenario = self._to_judge.get()
+            while not self._to_judge.empty():
+                chosen, scenario = self._to_judge.get()
+            try:
+                prospect = prospect_of(scenario)
+            except SparseCoordError as error:
+                self._board.put("problem", text=str(error))
+                continue
+            self._board.put(
+                "prospect",
+                chosen=chosen,
+                advice=prospect.advice.text,
+                note=prospect.note,
+                doorway=prospect.doorway,
+            )
 
     def _stop(self) -> None:
         """Stop the team that learns or drives, if there is one."""
@@ -161,20 +222,37 @@ class ImportPage(Controlled):
             self._begin(DRIVE, self._out)
             return
         options = argparse.Namespace(**{**vars(self._options), **wish.value})
+        if self._picture:
+            self._plan = dataclasses.replace(self._plan, **wish.value["scale"])
         made = make(options, self._plan)
         grid = made.imported.grid
         shown = {"rows": grid.rows, "doorways_in_words": grid.doorways_in_words}
         self._board.put("imported", chosen=wish.value, **shown, **made.facts)
+        if made.scenario is not None:
+            self._to_judge.put((wish.value, made.scenario))
+        if wish.name != SAVE:
+            self._board.put_new("film", seconds=[], places=[])
         if wish.name != IMPORT:
             if wish.name == TRAIN and made.scenario is None:
                 raise RunError("no robot is placed: click its start and its goal")
-            check_free(options, replace=self._replace)
-            files = [*made.files, write(options, made)]
-            self._replace = True  # they are this page's own now
+            files = self._save(options, made)
             self._board.put("saved", files=list(map(str, files)))
             if wish.name == TRAIN:
                 self._begin(TRAIN, files[1])
         self._board.put("problem", text="")
+
+    def _save(self, options: argparse.Namespace, made: Made) -> list[Path]:
+        """Write all files, and return them; a picture gets its YAML file, too."""
+        check_free(options, self._plan, replace=self._replace)
+        header = self._plan.path
+        if self._picture and header.exists() and not self._replace:
+            raise MapError(f"{header}: exists already, nothing is overwritten; give it")
+        files = [*made.files, write(options, made)]
+        if self._picture:
+            write_header(self._plan, options.map.name)
+            files.append(header)
+        self._replace = True  # they are this page's own now
+        return files
 
     def _begin(self, what: str, path: Path) -> None:
         with self._lock:
@@ -220,16 +298,19 @@ class ImportPage(Controlled):
             episodes=EPISODES,
             seed=0,
             values=DRIVE_SETTINGS.defaults(),
+            followed=1,
             progress=lambda n: self._tell(
                 f"Driven: {n} of {EPISODES} episodes", busy=True
             ),
         )
         simulator = driven.team.simulator
+        radius = simulator.metric_map.radius
+        self._board.put("film", radius=radius, **_film(driven.team.path))
         self._tell(
-            f"Bodies of radius {simulator.metric_map.radius:g} m drove {EPISODES} episodes: in "
+            f"Bodies of radius {radius:g} m drove {EPISODES} episodes: in "
             f"{driven.arrived.all(axis=1).sum()} all robots arrived; walls touched: "
-            f"{simulator.bumps}, bodies: {len(simulator.touches)}. With pictures and other "
-            f"bodies: sparse_coord drive {out}"
+            f"{simulator.bumps}, bodies: {len(simulator.touches)}. The film on the map "
+            f"shows the first one. Other bodies: sparse_coord drive {out}"
         )
 
     def stopped(self) -> bool:
@@ -245,14 +326,50 @@ class ImportPage(Controlled):
         return stopped
 
 
-def _chosen(said: Mapping[str, Any]) -> dict[str, Any]:
+def _film(path: Sequence[Moment]) -> dict[str, Any]:
+    """Return a film of an episode for a page: seconds, and the bodies' places at these times."""
+    step = math.ceil(len(path) / MOST_FRAMES)
+    frames = [*path[:-1:step], path[-1]]
+    start = frames[0].seconds
+    return {
+        "seconds": [round(frame.seconds - start, 2) for frame in frames],
+        "places": [
+            [[round(x, 3), round(y, 3)] for x, y in frame.places] for frame in frames
+        ],
+    }
+
+
+def _chosen(said: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:
     """Return the page's choices, checked; a start may have no goal yet.
+
+    Args:
+        said: the choices.
+        scaled: whether they say the scale of the picture.
 
     Raises:
         SparseCoordError: a value is none.
     """
     numbers = {one.name: one.parse(said.get(one.name)) for one in (CELL, RADIUS)}
-    return {**numbers, **{name: _places(name, said.get(name)) for name in PLACES}}
+    places = {name: _places(name, said.get(name)) for name in PLACES}
+    corridors = said.get("corridors")
+    if not isinstance(corridors, bool):
+        raise SettingError("corridors: allowed: true or false")
+    chosen = {**numbers, **places, "corridors": corridors}
+    if scaled:
+        scale = said.get("scale")
+        if not isinstance(scale, Mapping):
+            raise SettingError("scale: allowed: resolution and origin of the picture")
+        chosen["scale"] = _scale(scale)
+    return chosen
+
+
+def _scale(said: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a picture's `resolution` in metres a pixel, and its `origin` in metres, checked."""
+    [origin] = _places("origin", [said.get("origin")])
+    return {
+        "resolution": FIELDS["resolution"].parse(said.get("resolution")),
+        "origin": origin,
+    }
 
 
 def _places(name: str, value: Any) -> list[Place]:

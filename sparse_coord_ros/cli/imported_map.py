@@ -13,12 +13,24 @@ from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.lab.maps.image import FloorPlan
-from sparse_coord_ros.lab.maps.plan import Imported, import_map, scenario_of
+from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS, IN_DOORWAYS
+from sparse_coord_ros.lab.maps.plan import SHOWN, Imported, import_map, scenario_of
 
 CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
 RADIUS = Setting(
     "radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100
 )
+
+MAP_OPTIONS = (
+    "cell",
+    "radius",
+    "doorway",
+    "no_doorway",
+    "corridors",
+    "doorway_length",
+    "speck",
+)
+"""The options of which a map is made."""
 
 DPI = 150
 """Of the picture."""
@@ -32,6 +44,7 @@ class Made(NamedTuple):
         imported: the map.
         scenario: None where there are no robots.
         suggested: its settings that fit the map's distances.
+        interactions: a sentence: which kinds of interaction fit the map.
         notes: what is odd, one line each.
         files: what there is to write, by name.
     """
@@ -40,6 +53,7 @@ class Made(NamedTuple):
     imported: Imported
     scenario: Scenario | None
     suggested: dict[str, Any]
+    interactions: str
     notes: list[str]
     files: dict[Path, str]
 
@@ -53,6 +67,8 @@ class Made(NamedTuple):
             "resolution": grid.resolution,
             "origin": grid.origin,
             "suggested": self.suggested,
+            "corridors": len(self.imported.corridors),
+            "interactions": self.interactions,
             "notes": self.notes,
         }
 
@@ -67,17 +83,45 @@ def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
     # for a goal, on the page
     waiting = [(one, one) for one in options.start[len(robots) :]]
     given = parse_assignments(options.assignments)
-    names = ("cell", "radius", "doorway", "no_doorway", "doorway_length", "speck")
-    chosen = {name: getattr(options, name) for name in names}
+    chosen = {name: getattr(options, name) for name in MAP_OPTIONS}
     imported = import_map(plan, robots=[*robots, *waiting], **chosen)
+    if options.corridors and imported.corridors:
+        given = {"interactions": IN_CORRIDORS} | given
+    interactions = _interactions_in_words(imported, taken=options.corridors)
     text, scenario_file, _ = _paths(options)
     notes = list(imported.notes)
     files = {text: imported.grid.to_text()}
     if not robots:
-        return Made(plan, imported, None, {}, notes, files)
+        return Made(plan, imported, None, {}, interactions, notes, files)
     scenario, suggested, odd = scenario_of(imported, robots, given)
     files[scenario_file] = _scenario_text(scenario, given, suggested)
-    return Made(plan, imported, scenario, suggested, notes + odd, files)
+    notes += odd
+    return Made(plan, imported, scenario, suggested, interactions, notes, files)
+
+
+def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
+    """Return which kinds of interaction fit a map.
+
+    Args:
+        imported: the map.
+        taken: whether the user has taken those of corridors.
+    """
+    places = imported.corridors
+    if not places:
+        return f"interactions={IN_DOORWAYS} fits: no corridor is one cell wide"
+    corridors = "1 corridor is" if len(places) == 1 else f"{len(places)} corridors are"
+    found = f"{corridors} one cell wide ({imported.narrow_cells} cells)"
+    named = " ".join(f"{x:.2f},{y:.2f}" for x, y in places[:SHOWN])
+    more = " ..." if len(places) > SHOWN else ""
+    if taken:
+        return (
+            f"interactions={IN_CORRIDORS}: {found}, in the middle at {named}{more}; their cells "
+            "are doorways, which hold one robot each"
+        )
+    return (
+        f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {named}{more}; robots "
+        f"cannot pass each other there, which {IN_DOORWAYS} does not know"
+    )
 
 
 def write(options: argparse.Namespace, made: Made) -> Path:
@@ -107,19 +151,19 @@ def _paths(options: argparse.Namespace) -> list[Path]:
     return [folder / f"{name}{end}" for end in (".txt", ".yaml", ".png")]
 
 
-def check_free(options: argparse.Namespace, *, replace: bool) -> None:
-    """Refuse to write over files, unless they may be replaced; over the source never.
+def check_free(options: argparse.Namespace, plan: FloorPlan, *, replace: bool) -> None:
+    """Refuse to write over files, unless they may be replaced; over the floor plan's never.
 
     Raises:
         MapError: it would.
     """
-    source = options.map
     for path in _paths(options):
         if path.exists() and not replace:
             remedy = "choose another --out, or give --replace"
             raise MapError(f"{path}: exists already, nothing is overwritten; {remedy}")
-        if path.exists() and source.exists() and path.samefile(source):
-            raise MapError(f"{source} would be overwritten; choose another --out")
+        for source in (options.map, plan.path):
+            if path.resolve() == source.resolve():
+                raise MapError(f"{source} would be overwritten; choose another --out")
 
 
 def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:

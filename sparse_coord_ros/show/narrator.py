@@ -11,7 +11,7 @@ import numpy as np
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
-from sparse_coord_ros.core.game.interactions import interactions_of
+from sparse_coord_ros.core.game.interactions import help_given, interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
@@ -180,7 +180,22 @@ class Narrator:
             told.append(f"{self.names[k]} and {self.names[j]} exchange their cells.")
         for k in sorted({one[0] for one in found.stopped}):
             told.append(f"{self.names[k]} stays: {self._in_the_way(k, found)}.")
+        helping = self._helping(seen)
+        if helping:
+            told.append(f"{_listed([self.names[k] for k in helping])} help each other.")
         return told
+
+    def _helping(self, seen: TeamTransition) -> list[int]:
+        """Return the robots in help places after a step that is help, else no robot."""
+        if not self._interactions.helps or seen.after is None or None in seen.after:
+            return []
+        if None in seen.cells:
+            return []
+        if not help_given(self._interactions, seen.cells, seen.after):
+            return []
+        return [
+            k for k, cell in enumerate(seen.after) if self._interactions.posts[cell]
+        ]
 
     def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
         """Return the sentence that robots are together in some cells."""
@@ -228,7 +243,7 @@ class Narrator:
     def does(
         self, robot: int, cell: int, move: int, after: int | None, why: str = ""
     ) -> str:
-        """Return what a robot does, and whether it comes closer to its goal.
+        """Return a robot's action in words, and whether it comes closer to its goal.
 
         Args:
             robot: the robot.
@@ -243,15 +258,17 @@ class Narrator:
         if after != cell:
             return self._goes(robot, cell, after, move)
         if led == cell:
-            return "waits"
+            waits_to_help = self._interactions.posts[cell]
+            return "waits in a help place" if waits_to_help else "waits"
         return f"stays: {why or f'its move {ACTIONS[move]} fails'}"
 
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
+        to = " to a help place" if self._interactions.posts[after] else ""
         now = self._home[robot][cell]
         then = self._home[robot][after]
         if now >= NO_WAY or then >= NO_WAY or now == then:
-            return f"goes {ACTIONS[move]}"
-        return "goes on" if then < now else "steps back"
+            return f"goes {ACTIONS[move]}{to}"
+        return f"goes on{to}" if then < now else f"steps back{to}"
 
     def answer(
         self, robot: int, cell: int, door: int | None, seen: Sequence[tuple[int, int]]

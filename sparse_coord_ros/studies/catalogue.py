@@ -85,6 +85,17 @@ WHEN_TEAMS = (
 WHEN_TEAM_PENALTIES = (-1, -5, -20, -100)
 """Less than those of pairs: larger teams meet more often."""
 
+WHEN_KINDS = ("together:anywhere", "swap", "block", "block:anywhere")
+"""Kinds of interaction beside `together`, each by itself."""
+
+WHEN_KIND_COSTS: Mapping[str, Sequence[float]] = {
+    "together:anywhere": (1, 5),
+    "swap": (1, 5),
+    "block": (0.2, 1, 5, 20),
+    "block:anywhere": (0.2, 1, 5, 20),
+}
+"""Costs of a question. A stop costs time and no penalty, so `block` has more of them."""
+
 
 @dataclass(frozen=True)
 class Experiment:
@@ -203,7 +214,10 @@ def _unseen() -> list[Condition]:
 
 
 def _when() -> list[Condition]:
-    """Return pairs at each penalty and cost; other learners, chances and teams at cost 1."""
+    """Return pairs at each penalty and cost; other learners, chances and teams at cost 1.
+
+    And pairs that interact in other ways.
+    """
     penalties = {"penalty": WHEN_PENALTIES}
     over = {"learner": ["factored"], **penalties, "ask_cost": WHEN_COSTS}
     found = _every(WHEN_PAIRS, over, WHEN)
@@ -213,7 +227,16 @@ def _when() -> list[Condition]:
     over = {"learner": ["factored"], **penalties, "perception": chances}
     found += _every(WHEN_PAIRS, over, WHEN)
     over = {"learner": ["factored"], "penalty": WHEN_TEAM_PENALTIES}
-    return found + _every(WHEN_TEAMS, over, WHEN)
+    found += _every(WHEN_TEAMS, over, WHEN)
+    for kind in WHEN_KINDS:
+        fixed = kind.startswith("block")
+        over = {
+            "learner": ["factored"],
+            "penalty": [-100] if fixed else WHEN_PENALTIES,
+            "ask_cost": WHEN_KIND_COSTS[kind],
+        }
+        found += _every(WHEN_PAIRS, over, {**WHEN, "interactions": kind})
+    return found
 
 
 _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {

@@ -132,14 +132,17 @@ def make_condition(
         name = name.name
         settings = {**(changed_already or {}), **settings}
     base = given or _load(name)
-    scenario = rule.with_defaults(base)
     changed = rule.with_defaults(base.changed(settings))
     rule.check(changed)
-    kept = [
-        (key, as_text(getattr(changed, key)))
-        for key in sorted(settings)
-        if key != "penalty" and getattr(changed, key) != getattr(scenario, key)
-    ]
+    kept = []
+    for key in sorted(settings):
+        if key == "penalty":
+            continue
+        # A learner's default may depend on the other settings.
+        others = {name: value for name, value in settings.items() if name != key}
+        usual = rule.with_defaults(base.changed(others))
+        if getattr(changed, key) != getattr(usual, key):
+            kept.append((key, as_text(getattr(changed, key))))
     return Condition(
         name, rule.label, (("penalty", as_text(changed.penalty)), *kept), given
     )

@@ -3,7 +3,7 @@
 """The fixed lists of scenarios that `benchmark` judges learners on. A new list is one entry here.
 
 Rules and numbers are chosen on the lists for tuning. Those for validation show whether these hold
-elsewhere. Those of `unseen2` are for closing figures alone.
+elsewhere. Those of `unseen2`, and of other kinds of interaction, are for closing figures alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.core.game.unseen import SPLITS, TEAMS, split_of, team_of
+from sparse_coord_ros.core.game.unseen import SPLITS, TEAMS, VERSIONS, split_of, team_of
 from sparse_coord_ros.core.solve.shipped import unseen_buildings
 
 PENALTY = -100
@@ -36,6 +36,23 @@ CROWDS = ("env2-4r", "crowd-4r", "crowd-6r", "crowd-8r")
 PERCEPTS = ("probability:0.5", "line_of_sight", "range:2")
 SIZES: Mapping[int, str] = {2: "pairs", 4: "four", 8: "eight"}
 
+SWAP_SEEDS: Mapping[str, Sequence[int]] = {
+    "door": (1000, 1001, 1002, 1003),
+    "doors": (1000, 1002, 1003, 1004),
+    "corridor": (1000, 1001, 1002, 1003),
+    "rooms": (1000, 1001, 1002, 1003),
+    "loop": (1000, 1001, 1002, 1003),
+    "crossing": (1000, 1001, 1003, 1004),
+}
+"""Seeds of the buildings where pairs exchange cells, by kind: the first four from 1,000 on whose
+joint optimum exceeds shortest paths by more than 3."""
+
+BLOCK_SEEDS: Mapping[str, Sequence[int]] = {
+    **SWAP_SEEDS,
+    "crossing": (1000, 1001, 1003, 1005),
+}
+"""The same where each cell holds one robot."""
+
 
 def _buildings(split: str, robots: int) -> tuple[Item, ...]:
     names = unseen_buildings()
@@ -43,6 +60,15 @@ def _buildings(split: str, robots: int) -> tuple[Item, ...]:
         Item(name)
         for name in names
         if split_of(name) == split and team_of(name) == robots
+    )
+
+
+def _pairs(interactions: str, seeds: Mapping[str, Sequence[int]]) -> tuple[Item, ...]:
+    """Return buildings of two robots that no list has with the kind `together`."""
+    return tuple(
+        Item(f"{VERSIONS[1]}-{kind}-2r-{seed}", {"interactions": interactions})
+        for kind, own in seeds.items()
+        for seed in own
     )
 
 
@@ -58,6 +84,8 @@ LISTS: Mapping[str, tuple[Item, ...]] = {
     "paper": tuple(Item(name) for name in PAPER),
     "crowds": tuple(Item(name) for name in CROWDS),
     **_unseen(),
+    "swap-pairs": _pairs("swap", SWAP_SEEDS),
+    "block-pairs": _pairs("block:anywhere", BLOCK_SEEDS),
     "percepts": tuple(
         Item(name, {"perception": percept})
         for name in ("env1", "env2-2r", "pentagon")
@@ -72,6 +100,10 @@ ABOUT: Mapping[str, str] = {
     "unseen2-pairs": "36 generated buildings of two robots, never tuned on.",
     "unseen2-four": "24 generated buildings of four robots, never tuned on.",
     "unseen2-eight": "12 generated buildings of eight robots, never tuned on.",
+    "swap-pairs": "24 generated buildings of two robots, never tuned on; robots that exchange "
+    "cells pay.",
+    "block-pairs": "24 generated buildings of two robots, never tuned on; each cell holds one "
+    "robot.",
     "percepts": "env1, env2-2r and pentagon; percepts fail half of the time, or behind walls, or "
     "beyond two cells.",
 }

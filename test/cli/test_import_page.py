@@ -9,6 +9,7 @@ import time
 import urllib.request
 from collections import Counter
 
+import numpy as np
 import pytest
 from patience import PATIENCE_SECONDS
 
@@ -16,6 +17,7 @@ from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.cli import import_page
 from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
 from sparse_coord_ros.cli.main import make_parser
+from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.show.page.controls import (
     DRIVE,
     IMPORT,
@@ -34,6 +36,7 @@ CHOSEN = {
     "goal": [[4.5, 0.5], [0.5, 0.5]],
     "doorway": [[1.5, 2.5]],
     "no_doorway": [],
+    "corridors": False,
 }
 OPTIONS = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
 OPTIONS += ("--goal", "4.5,0.5", "0.5,0.5", "--doorway", "1.5,2.5", "--out")
@@ -198,6 +201,7 @@ def test_a_problem_is_one_line_and_nothing_is_overwritten(page, folder):
         {"doorway": [[1, float("nan")]]},
         {"no_doorway": [["a", 1]]},
         {"start": [[True, 1]]},
+        {"corridors": "yes"},
     ],
 )
 def test_odd_values_are_refused(page, changes):
@@ -232,6 +236,8 @@ def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(
                     in board.get("team")["text"]
                 )
             )
+            film = board.get("film")
+            seen.append((film["seconds"], film["places"]))
             monkeypatch.setattr(import_page.train, "learn", lambda *_: time.sleep(60))
             board.source.control(Control(TRAIN, CHOSEN))
             wait_for(lambda: "A team learns" in board.get("team")["text"])
@@ -257,3 +263,88 @@ def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(
     code, out, _ = sparse_coord(*command)
     assert code == 0 and "tables   runs/env1_" in out
     assert seen[0] and NEXT not in seen[1]
+    seconds, places = seen[2]
+    assert seconds == sorted(seconds) and seconds[0] == 0.0
+    assert len(places) == len(seconds)
+    for frame, chosen in ((places[0], "start"), (places[-1], "goal")):
+        assert np.abs(np.subtract(frame, CHOSEN[chosen])).max() < 0.5
+
+
+def test_it_says_what_coordination_will_bring_and_where_a_doorway_is_missing(page):
+    """Robots that face each other across a hall of which no cell is a doorway."""
+    made, board = page
+    threading.Thread(target=made.judge, daemon=True).start()
+    told(page, IMPORT)
+    wait_for(lambda: board.get("prospect"))
+    assert board.get("prospect")["advice"].startswith("Coordination ")
+    assert board.get("prospect")["doorway"] is None
+    told(page, IMPORT, no_doorway=[[2.5, 2.5]], doorway=[])
+    wait_for(lambda: board.get("prospect")["doorway"])
+    prospect = board.get("prospect")
+    assert prospect["doorway"] == (2.5, 2.5)
+    assert prospect["advice"].startswith("Coordination will not pay: ")
+    assert "a doorway at 2.50,2.50, where they meet most often" in prospect["note"]
+
+
+def test_corridors_are_taken_where_the_page_says_so(page, sparse_coord, folder):
+    plain = told(page, IMPORT, doorway=[])
+    assert plain["corridors"] == 0 and "together fits" in plain["interactions"]
+    (folder / "lane.txt").write_text("---\n...###...\n.........\n...###...\n")
+    assert sparse_coord("export-map", "lane.txt", "--out", "l")[0] == 0
+    options = ["import-map", "l/lane.yaml", "--page", "--cell", "1", "--radius", "0.1"]
+    board = MessageBoard()
+    lane = ImportPage(make_parser("import-map").parse_args(options), board)
+    threading.Thread(target=lane.work, daemon=True).start()
+    wait_for(lambda: board.get("problem"))
+    robots = {"start": [[0.5, 0.5]], "goal": [[8.5, 0.5]], "doorway": []}
+    shown = told((lane, board), SAVE, **robots)
+    assert shown["corridors"] == 1 and shown["doorways"] == 0
+    assert (
+        "swap+block fits: 1 corridor is one cell wide (3 cells)"
+        in (shown["interactions"])
+    )
+    assert load_scenario(folder / "lane_map/lane.yaml").interactions == "together"
+    shown = told((lane, board), SAVE, corridors=True, **robots)
+    assert shown["doorways_in_words"] == "1 doorway (3 cells)"
+    assert load_scenario(folder / "lane_map/lane.yaml").interactions == "swap+block"
+
+
+def test_a_picture_without_a_yaml_file_is_scaled(exported, sparse_coord, folder):
+    """The page asks for its scale; what is saved is what a YAML file would have given."""
+    header = folder / "e" / "env1.yaml"
+    header.rename(folder / "kept.yaml")
+    command = ["import-map", "e/env1.pgm", "--page", "--out", "clicked"]
+    board = MessageBoard()
+    made = ImportPage(make_parser("import-map").parse_args(command), board)
+    threading.Thread(target=made.work, daemon=True).start()
+    wait_for(lambda: board.get("problem"))
+    first = board.get("run")
+    assert first["header"] == "e/env1.yaml"
+    assert first["chosen"]["scale"]["resolution"] == 0.05
+    side = 5 / first["pixels"][0]
+    scale = {"resolution": side, "origin": [0, 0]}
+    assert told((made, board), SAVE, scale=scale)["cells"] == 21
+    assert board.get("saved")["files"][-1] == "e/env1.yaml"
+    assert sparse_coord("import-map", "e/env1.yaml", *OPTIONS, "typed")[0] == 0
+    for name in ("env1.txt", "env1.yaml", "env1.png"):
+        clicked = (folder / "clicked" / name).read_bytes()
+        assert clicked == (folder / "typed" / name).read_bytes()
+    for odd in ({"resolution": 0, "origin": [0, 0]}, {"origin": [0, 0]}, None):
+        with pytest.raises(SparseCoordError, match="allowed: "):
+            made.control(Control(IMPORT, CHOSEN | {"scale": odd}))
+
+
+def test_a_picture_s_files_are_not_written_over(exported, folder):
+    """Its scenario would have the name of its YAML file."""
+    (folder / "e" / "env1.yaml").unlink()
+    command = ["import-map", "e/env1.pgm", "--page", "--out", "e", "--replace"]
+    board = MessageBoard()
+    made = ImportPage(make_parser("import-map").parse_args(command), board)
+    threading.Thread(target=made.work, daemon=True).start()
+    wait_for(lambda: board.get("problem"))
+    scale = {"resolution": 0.05, "origin": [0, 0]}
+    said = told(
+        (made, board), SAVE, scale=scale, cell=0.5, start=[], goal=[], doorway=[]
+    )
+    assert "would be overwritten; choose another --out" in said
+    assert not (folder / "e" / "env1.yaml").exists()

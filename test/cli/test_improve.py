@@ -65,3 +65,21 @@ def test_what_no_run_can_have_learned_is_refused(sparse_coord, refused, folder):
         false = {**known[0], name: np.full_like(known[0][name], value)}
         save_team(folder / "a", [false, *known[1:]])
         assert words in refused("improve", "a")
+
+
+def test_it_plans_with_robots_that_are_together_anywhere_and_refuses_other_kinds(
+    sparse_coord, refused
+):
+    kinds = ("--penalty", -100, "--set", "interactions=together:anywhere")
+    assert sparse_coord(*TRAIN, *kinds, "--out", "a")[0] == 0
+    code, _, err = sparse_coord("improve", "a")
+    assert (code, err) == (0, "")
+    _, out, _ = sparse_coord("evaluate", "a", "a/improved", "--json")
+    learned, improved = (run["reward"]["mean"] for run in json.loads(out)["runs"])
+    assert improved > learned
+    assert (
+        sparse_coord(*TRAIN, "--set", "interactions=swap+block", "--out", "b")[0] == 0
+    )
+    assert "setting interactions is 'swap+block', allowed: together" in refused(
+        "improve", "b"
+    )

@@ -23,13 +23,14 @@ from sparse_coord_ros.studies.report.when import (
     ALWAYS,
     COOP,
     FACTORED,
+    KINDS,
     NEVER,
     interval_name,
     means,
     points,
     tightness,
 )
-from sparse_coord_ros.studies.report.when_figures import when, when_more
+from sparse_coord_ros.studies.report.when_figures import when, when_kinds, when_more
 from sparse_coord_ros.studies.runner import run_experiment
 from sparse_coord_ros.studies.store import SUMS
 
@@ -84,6 +85,8 @@ def test_questions_are_those_of_teams_that_arrive():
         (learned("isr", "noncoop"), NEVER),
         (learned("isr", perception="probability:0.5"), "50% of questions answered"),
         (learned("unseen1-rooms-4r-1"), "4 robots"),
+        (learned("env1", interactions="swap"), KINDS["swap"]),
+        (learned("env1", interactions="block", ask_cost=5), KINDS["block"]),
     ],
     ids=str,
 )
@@ -157,6 +160,26 @@ def test_points_on_one_curve_are_tight():
     assert tightness(made_points(shifted), "ratio")[0] > 0.3
 
 
+def test_points_of_another_kind_are_judged_by_the_curve_of_factored():
+    places = np.geomspace(1.0, 100.0, 30)
+    rows = [(f"map {k % 6}", x, 1.0, x / 2, x) for k, x in enumerate(places)]
+    swaps = made_points([(*row[:2], 1.5, *row[3:]) for row in rows])
+    both = pd.concat([made_points(rows), swaps.assign(line=KINDS["swap"])])
+    assert tightness(both, "ratio") == pytest.approx((0.0, 0.0))
+    assert tightness(both, "ratio", KINDS["swap"]) == pytest.approx((0.5, 0.0))
+
+
+def test_the_loss_of_a_stop_is_time():
+    """Robots that block each other in env1 lose the same at each penalty, and pay nothing."""
+    losses = [
+        points([learned("env1", interactions="block:anywhere", penalty=penalty)])
+        for penalty in (-5, -500)
+    ]
+    ratios = [own.iloc[0]["ratio"] for own in losses]
+    assert ratios[0] == pytest.approx(ratios[1]) and ratios[0] > 1.0
+    assert losses[0].iloc[0]["undiscounted"] == 0.0
+
+
 def some_results():
     """Return made-up results: Factored asks where the ratio is large, Coop. everywhere."""
     found = []
@@ -167,6 +190,8 @@ def some_results():
             earned = {"penalty": penalty, "returns": best - 0.1}
             for cost in (1, 5):
                 found.append(learned(name, asks=asks, ask_cost=cost, **earned))
+            swap = {"interactions": "swap", "penalty": penalty}
+            found.append(learned(name, asks=1.0, returns=best - 0.1, **swap))
             found.append(learned(name, "coop", asks=1.5, **earned))
             found.append(learned(name, "cq", asks=1.0, **earned))
     return found
@@ -186,7 +211,7 @@ def test_the_section():
     assert section.values["maps"] == 3
 
 
-@pytest.mark.parametrize("draw", [when, when_more])
+@pytest.mark.parametrize("draw", [when, when_more, when_kinds])
 def test_the_figures(draw):
     upper, lower = draw(some_results()).axes
     assert upper.get_xscale() == lower.get_xscale() == "log"

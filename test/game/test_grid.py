@@ -35,6 +35,7 @@ MAPS = {
     "bay": "933b30f754e1dc52",
     "floor": "1dff405d66492c21",
     "lane": "a7982b106951ac4b",
+    "lift": "6ff14d6f6d531547",
     "merge": "ef7ef2bfc10cde05",
 }
 """The shipped maps, with the digest of their rows."""

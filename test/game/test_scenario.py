@@ -44,6 +44,7 @@ TEACHING = {
     "bay": ("bay", 8, 100_000, [(0, 8), (0, 0)]),
     "merge": ("merge", 8, 100_000, [(2, 6), (2, 6)]),
     "lane": ("lane", 10, 100_000, LANE_GOALS),
+    "lift": ("lift", 6, 100_000, [(0, 6), (2, 6)]),
     "rooms": ("lane", 10, 100_000, LANE_GOALS),
     "floor-4r": ("floor", 10, 100_000, [(3, 7), (3, 0), (0, 7), (0, 0)]),
 }
@@ -118,7 +119,7 @@ def test_the_documentation_lists_the_settings():
         f"| {name} | {setting.default} | {setting.allowed} | {setting.help} |"
         for name, setting in SETTINGS.items()
     ]
-    text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "settings.md").read_text()
     assert "\n".join(["|---|---|---|---|", *rows, ""]) in text, "\n".join(rows)
 
 

@@ -35,8 +35,8 @@ def test_numbers_that_key_the_streams_never_change():
 
 
 def test_the_draw_of_a_percept_is_that_of_the_contract():
-    """docs/interface.md says in NumPy how a robot of one's own draws it."""
-    text = (Path(__file__).parents[2] / "docs/interface.md").read_text()
+    """docs/own_robot.md says in NumPy how a robot of one's own draws it."""
+    text = (Path(__file__).parents[2] / "docs/own_robot.md").read_text()
     [formula] = re.findall(r"`(Generator\(PCG64.*?\[step\])`", text)
     for seed, asker, step in ((0, 0, 1), (7, 1, DRAWS_AT_ONCE), (7, 3, 10_000)):
         names = {**vars(np.random), "seed": seed, "asker": asker, "step": step}

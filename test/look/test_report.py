@@ -164,3 +164,23 @@ def test_results_whose_learner_may_not_be_imported_are_left_out(
     assert (
         words in capsys.readouterr().err and words in (tmp_path / "r.html").read_text()
     )
+
+
+def test_results_of_swap_and_block_are_reported(tmp_path, capsys):
+    """A pair that is stopped, and a larger team, whose shortest paths are of trials."""
+    conditions = (
+        "lane/coop/penalty=-20,steps=300",
+        "env2-4r/coop/penalty=-20,interactions=together:anywhere+swap+block,steps=300",
+    )
+    few = ("--runs", "2", "--trials", "2", "--engine", "python", "--jobs", "1")
+    folder = str(tmp_path / "results")
+    for _ in range(2):  # the second time they are read
+        assert main(["reproduce", *conditions, "--out", folder, *few]) == 0
+    out = tmp_path / "r.html"
+    assert main(["report", folder, "--out", str(out)]) == 0
+    page = out.read_text()
+    for one in conditions:
+        assert f"<td>{one}</td>" in page
+    row = page.partition(f"<td>{conditions[1]}</td>")[2].partition("</tr>")[0]
+    assert re.search(r"<td>[\d.]+ \(\d\.\d\d\)</td>", row)  # shortest paths
+    assert "of trials, with its standard error" in page

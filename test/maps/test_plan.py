@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From floor plans whose doorways are known to maps: doors open, walls closed, robots in place."""
 
+import dataclasses
 import functools
 import math
 from pathlib import Path
@@ -15,11 +16,13 @@ from PIL import Image
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError
 from sparse_coord_ros.core.game.grid import parse_map
-from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 from sparse_coord_ros.lab.maps import plan as plans
 from sparse_coord_ros.lab.maps.gridding import across, grown, without_specks
 from sparse_coord_ros.lab.maps.image import FloorPlan, read_floor_plan, under
+from sparse_coord_ros.lab.maps.meeting import prospect_of
+from sparse_coord_ros.lab.maps.passages import narrow_corridors
 from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
 from sparse_coord_ros.protocol.wire.frame import Frame
 from sparse_coord_ros.show.paths import floor_figure
@@ -300,8 +303,68 @@ def test_robots_that_meet_at_no_doorway_have_nothing_to_coordinate():
     done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
     meet = [((1.0, 1.0), (5.0, 1.0)), ((5.0, 1.0), (1.0, 1.0))]
     apart = [meet[0], ((5.0, 3.0), (4.0, 3.0))]
-    assert scenario_of(done, meet, {})[2] == []
-    assert "nothing to coordinate" in scenario_of(done, apart, {})[2][0]
+    assert prospect_of(scenario_of(done, meet, {})[0]).note == ""
+    scenario, _, odd = scenario_of(done, apart, {})
+    assert odd == []
+    assert prospect_of(scenario).note.startswith("nothing to coordinate")
+
+
+def test_a_doorway_is_suggested_where_robots_meet():
+    """Two robots come towards each other along the one row of a hall without doorways."""
+    hall = parse_map("---\n.......\n.......\n.......\n", name="hall", where="hall")
+    hall = dataclasses.replace(hall, resolution=0.5, origin=(1.0, 2.0))
+
+    def made(robots):
+        data = {"map": {"name": "hall", "text": hall.to_text()}, "robots": robots}
+        return scenario_from_dict(data, where="hall", name="hall")
+
+    across = {"start": [1, 0], "goal": [1, 6]}, {"start": [1, 6], "goal": [1, 0]}
+    apart = {"start": [0, 0], "goal": [0, 6]}, {"start": [2, 6], "goal": [2, 0]}
+    for (first, second), expected in ((across, (2.75, 2.75)), (apart, None)):
+        robots = {"a": first, "b": second}
+        prospect = prospect_of(made(robots))
+        assert prospect.doorway == expected
+        assert prospect.note.startswith("nothing to coordinate")
+        assert prospect.advice.kind == "will not pay"
+
+
+@pytest.mark.parametrize(
+    ("rows", "cells"),
+    [
+        ("..##\n..##\n....", 0),  # a dead end
+        ("..#..\n..D..\n..#..", 0),  # a doorway of one cell
+        ("..##..\n......\n..##..", 2),
+        ("..###..\n.......\n..###..", 3),
+        ("..####\n.....#\n..##.#\n####..\n####..", 4),  # around a corner
+        ("..#..\n.....\n##.##\n#...#\n#...#", 2),  # a fork
+        ("......\n......\n##..##\n......\n......", 0),  # two cells wide
+        ("...\n.#.\n...", 8),  # all around
+        ("......\n......\n......", 0),
+    ],
+)
+def test_corridors_are_one_cell_wide_and_lead_through(rows, cells):
+    free = np.array([[sign != "#" for sign in row] for row in rows.splitlines()])
+    for turned in (free, free.T, free[::-1], free[:, ::-1]):
+        assert (narrow_corridors(turned) > 0).sum() == cells
+
+
+def test_a_narrow_building_suggests_interactions(imported):
+    """Corridors become doorways where the user wants that, and only there."""
+    _, plan, done = imported("office")
+    assert done.corridors == () and done.narrow_cells == 0
+    rows = "....###....", "....###....", "...........", "....###....", "....###...."
+    free = np.array([[sign == "." for sign in row] for row in rows])
+    free = np.pad(free, 1).repeat(10, axis=0).repeat(10, axis=1)
+    drawing = FloorPlan(Path("drawn"), free, ~free, 0.05, (-0.5, -0.5))
+    done = import_map(drawing, cell=0.5, radius=0.2)
+    assert done.corridors == ((2.75, 1.25),) and done.narrow_cells == 3
+    assert done.grid.doorway_count == 0
+    taken = import_map(drawing, cell=0.5, radius=0.2, corridors=True)
+    assert len(taken.grid.doorways) == 3 and taken.grid.doorway_count == 1
+    none = import_map(
+        drawing, cell=0.5, radius=0.2, corridors=True, no_doorway=[(2.3, 1.3)]
+    )
+    assert none.grid.doorway_count == 0
 
 
 def test_where_the_budget_is_too_small_for_the_ways_steps_are_larger(monkeypatch):

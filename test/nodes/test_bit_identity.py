@@ -33,6 +33,10 @@ DOOR = """\
 map: {name: door, text: "title: door\\n---\\n1D2\\n"}
 robots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}
 """
+LOAD = """\
+map: {name: load, text: "title: load\\n---\\n1HHD2\\n"}
+robots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}
+"""
 
 GAMES = {
     "coop": (
@@ -62,8 +66,8 @@ GAMES = {
         {"record": True},
     ),
     "hysteretic": (
-        DOOR,
-        {"steps": 200, "interactions": "swap+block", "max_steps": 30},
+        LOAD,
+        {"steps": 200, "interactions": "swap+block+help:20", "max_steps": 30},
         {"record": True},
     ),
     "cq": (
@@ -75,7 +79,7 @@ GAMES = {
 """Of each learner: a game that shows what its robots say to one another, its settings, and how the
 team is run. Links fail; robots perceive all peers, and are paid differently; one world has a
 referee; robots mark cells; robots
-stop each other and pay for exchanges."""
+stop each other, pay for exchanges, and are paid for help."""
 
 
 @pytest.fixture
@@ -157,6 +161,9 @@ def test_the_games_show_what_they_are_for(played):
     _, _, factored, _ = played("factored")
     assert factored.scenario.referee and factored.percepts
     assert any(len(tables.memory["rho_keys"]) for tables in factored.tables)
+    _, _, hysteretic, _ = played("hysteretic")
+    common = {reward.common for reward in hysteretic.rewards.values()}
+    assert common == {0.0, 20.0, -20.0}
     _, _, cq, _ = played("cq")
     assert all((tables.q_coord.std(axis=1) > 0).any() for tables in cq.tables)
 

@@ -146,14 +146,14 @@ def test_who_breaks_an_obligation_is_told_which(
     place, text, _ = OBLIGATIONS[what]
     [line] = [str(one) for one in scripted.judged() if one.name == what]
     assert line.startswith("BROKEN") and f"  {text}: {scripted.broken[what]}" in line
-    assert line.endswith(f"(docs/interface.md#{place})")
+    assert line.endswith(f"(docs/own_robot.md#{place})")
 
 
 def test_obligations_stand_in_the_docs():
     headings = {
         line.lstrip("# ").lower().replace(" ", "-")
-        for line in (ROOT / "docs/interface.md").read_text().splitlines()
-        if line.startswith("### ")
+        for line in (ROOT / "docs/own_robot.md").read_text().splitlines()
+        if line.startswith("## ")
     }
     assert {place for place, *_ in OBLIGATIONS.values()} <= headings
 

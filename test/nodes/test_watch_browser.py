@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from browser import open_tab, size, wait_for
 from floor_plans import write
+from PIL import Image
 from teams import tables_in
 
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
+from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import Server
@@ -668,6 +671,9 @@ def test_a_depot_becomes_a_driven_team_by_clicks(tab, start, tmp_path):
     click(tab, "drive")
     wait_for(tab, f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120)
     assert "in 20 all robots arrived; walls touched: 0, " in tab.evaluate(TEAM)
+    wait_for(tab, "document.querySelectorAll('.film circle').length === 2")
+    wait_for(tab, "document.getElementById('frame').valueAsNumber > 2")
+    tab.emulate_media(reduced_motion="reduce")
     click(tab, "train")
     wait_for(tab, f"{TEAM}.startsWith('A team learns: ')")
     click(tab, "stop")
@@ -742,3 +748,125 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
                 grid.origin[1] + (level + 0.5) / 2,
             ]
             assert np.abs(np.subtract(middle, (x, y))).max() <= 0.25
+
+
+def text_of(name):
+    return f"document.getElementById('{name}').textContent"
+
+
+def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
+    """What is clicked next, legend, advice, hint, undo and live regions; 400 pixels, dark."""
+    tab.emulate_media(color_scheme="dark")
+    size(tab, 400, 800)
+    office = str(ROOT / "examples/office.yaml")
+    options = ("--page", "--port", "0", "--out", str(tmp_path / "out"))
+    # across the corridor, to and fro
+    robots = ("--start", "-5,0", "5,0", "--goal", "5,0", "-5,0")
+    process = start("cli.main", "import-map", office, *options, *robots)
+    tab.goto(address_of(process))
+    wait_for(tab, f"{text_of('advice')}.startsWith('Coordination will not pay: ')")
+    assert tab.evaluate(WIDE)
+    assert "interactions=together fits" in tab.evaluate(text_of("interactions"))
+    assert tab.evaluate("document.querySelectorAll('#legend span').length") == 5
+    assert tab.evaluate(text_of("next")) == "Click the start of robot 3"
+    wait_for(tab, "!document.getElementById('add-holder').hidden")
+    assert "where they meet most often" in tab.evaluate(text_of("notes"))
+    tab.evaluate("document.getElementById('add-doorway').focus()")
+    tab.keyboard.press("Enter")
+    wait_for(tab, f"{text_of('advice')}.startsWith('Coordination may pay: ')")
+    assert tab.evaluate(text_of("said")).startswith("doorway at x -0.10 m")
+    tab.evaluate("document.getElementById('map').focus()")
+    for key in ("ArrowLeft", "ArrowLeft"):
+        tab.keyboard.press(key)
+    assert tab.evaluate(text_of("said")).endswith(": free cell")
+    tab.keyboard.press("Enter")
+    wait_for(tab, "document.querySelectorAll('.start').length === 3")
+    assert tab.evaluate(text_of("said")).startswith("start of robot 3 at x ")
+    assert tab.evaluate(text_of("next")) == "Click the goal of robot 3"
+    for undone in ("start of robot 3", "doorway at"):
+        title = tab.evaluate("document.getElementById('undo').title")
+        assert title.startswith(f"Undo: {undone}")
+        tab.keyboard.press("Control+z")
+        wait_for(tab, f"{text_of('said')}.startsWith('Undone: {undone}')")
+    wait_for(tab, f"{text_of('facts')}.endsWith(', 6 doorways')")
+    assert tab.evaluate("document.getElementById('undo').disabled")
+    assert tab.evaluate(WIDE)
+    assert tab.evaluate(UNNAMED) == []
+    live = "[...document.querySelectorAll('[role=status], [role=alert]')]"
+    assert set(tab.evaluate(f"{live}.map((one) => one.id)")) >= {
+        "state",
+        "notice",
+        "team",
+        "said",
+        "advice",
+    }
+
+
+UNNAMED = """[...document.querySelectorAll("button, input, select, [role=application]")]
+    .filter((one) => !one.labels?.length && !one.textContent.trim()
+        && !one.getAttribute("aria-label")).map((one) => one.id)"""
+"""The controls of a page that a screen reader cannot name."""
+
+
+def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
+    """The page asks for the scale before it takes clicks; the corridor's setting is taken."""
+    rows = ("....###....", "....###....", "...........", "....###....", "....###....")
+    free = np.array([[sign == "." for sign in row] for row in rows])
+    pixels = np.where(np.pad(free, 1).repeat(10, axis=0).repeat(10, axis=1), 254, 0)
+    Image.fromarray(pixels.astype(np.uint8)).save(tmp_path / "lane.png")
+    out = tmp_path / "out"
+    options = ("--page", "--port", "0", "--out", str(out))
+    process = start("cli.main", "import-map", str(tmp_path / "lane.png"), *options)
+    tab.goto(address_of(process))
+    wait_for(tab, "!document.getElementById('scale').hidden")
+    wait_for(tab, f"{text_of('next')} === 'Say how large this picture is, above'")
+    assert tab.evaluate("document.getElementById('save').disabled")
+    press(tab, 1, 1)
+    tab.fill("#width", "13")
+    tab.keyboard.press("Tab")
+    wait_for(
+        tab, "document.getElementById('resolution').valueAsNumber === 0.1", seconds=20
+    )
+    tab.fill("#cell-side", "1")
+    tab.keyboard.press("Tab")
+    wait_for(tab, f"{text_of('facts')} === '43 cells of 1 m, 0 doorways'")
+    click(tab, "scaled")
+    assert tab.evaluate(text_of("next")) == "Click the start of robot 1"
+    place_robots(tab, [(1.5, 5.5), (11.5, 1.5), (11.5, 1.5), (1.5, 5.5)])
+    assert "swap+block fits: 1 corridor" in tab.evaluate(text_of("interactions"))
+    tab.evaluate("document.getElementById('corridors').focus()")
+    tab.keyboard.press("Space")
+    wait_for(tab, f"{text_of('facts')} === '43 cells of 1 m, 1 doorway (3 cells)'")
+    wait_for(tab, f"{text_of('advice')}.startsWith('Coordination will pay: ')")
+    click(tab, "save")
+    wait_for(tab, f"{text_of('saved')}.includes('lane.yaml')")
+    assert load_scenario(out / "lane.yaml").interactions == "swap+block"
+    assert "resolution: 0.1" in (tmp_path / "lane.yaml").read_text()
+
+
+def test_the_map_marks_help(tab):
+    """Help places always; a tick where robots help each other, in that step alone."""
+    run = make_run(load_scenario("lift"), {})
+    board = MessageBoard()
+    board.put(
+        "run", source="live", title="made up", controls=(), **messages.run_fields(run)
+    )
+    server = Server(board, port=0)
+    tab.goto(server.address)
+
+    narrator = Narrator(run.scenario)
+
+    def show(step, cells, after):
+        seen = TeamTransition(step, cells, (None, None), after, False)
+        frame = messages.frame_fields(seen, [[cell] for cell in cells], narrator)
+        state = {"state": "learning", "rate": 0, "speed": None}
+        board.put("frame", **frame, **state, transitions=step, episode=0)
+        wait_for(tab, f"{STEP} === {step}")
+        return tab.evaluate("document.querySelectorAll('#map .helped').length")
+
+    assert show(1, (4, 12), (5, 12)) == 2
+    assert show(2, (5, 12), (5, 12)) == 0
+    assert show(3, (4, 11), (5, 11)) == 0
+    assert tab.evaluate("document.querySelectorAll('#map rect.help').length") == 2
+    assert "help place" in tab.evaluate("document.getElementById('legend').innerText")
+    server.close()

@@ -8,6 +8,7 @@ import pytest
 from teams import drawn
 
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.advice import (
     AVOIDABLE,
     LEAST_WORTH,
@@ -21,6 +22,8 @@ from sparse_coord_ros.core.solve.advice import (
     loss_of_ignoring,
     worth_of,
 )
+from sparse_coord_ros.core.solve.optimum import joint_optimum
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
 MEETING = "1D2"
 """Both robots are in the doorway after the first step, for certain, and not again."""
@@ -61,7 +64,7 @@ def test_robots_that_never_meet_lose_nothing(cost):
     found = advice(scenario)
     assert (found.kind, found.loss, found.ratio) == (WILL_NOT_PAY, 0.0, 0.0)
     assert found.text == (
-        "Coordination will not pay: robots that ignore each other lose 0.00 each."
+        "Asking will not pay: robots that ignore each other lose 0.00 each."
     )
 
 
@@ -119,10 +122,33 @@ def test_robots_that_can_avoid_each_other_need_not_ask():
     found = advice(load_scenario("unseen1-doors-2r-1"))
     assert found.kind == AVOIDABLE and found.ratio > 40
     assert found.text.startswith(
-        "Asking will not pay, as robots can take ways on which"
+        "Asking will not pay, because robots can take ways on which"
     )
 
 
 def test_in_questions():
     scenario = load_scenario("env1", ask_cost=0.5)
     assert in_questions(3.0, scenario) == 6.0
+
+
+def test_where_robots_help_the_gain_is_up_to_the_optimum():
+    """A team earns more there than robots alone in the world: there is nothing to avoid."""
+    scenario = load_scenario("lift")
+    found = advice(scenario)
+    assert (found.kind, found.loss) == (WILL_PAY, 0.0)
+    paths = shortest_path_reference(scenario).returns
+    assert found.gain == pytest.approx(joint_optimum(scenario).value - paths)
+    assert (
+        f"a team can gain {found.gain:.2f} each, as much as 4.7 questions" in found.text
+    )
+    assert advice(load_scenario("lift", ask_cost=5)).kind == WILL_NOT_PAY
+    assert advice(load_scenario("lift", ask_cost=2)).kind == MAY_PAY
+    never = advice(load_scenario("lift", interactions="help:0"))
+    assert never.gain == 0.0
+
+
+def test_of_help_in_larger_teams_only_a_bound_is_known(monkeypatch):
+    monkeypatch.setattr(optimum, "MOST_JOINT_STATES", 195)
+    found = advice(load_scenario("lift"))
+    assert found.kind == MAY_PAY
+    assert "can gain at most" in found.text

@@ -292,7 +292,21 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     assert all(gain >= 0 for gain in bound.gains)
 
 
-@pytest.mark.parametrize("name", ["lane", "merge", "bay", "aisle", "rooms"])
+KINDS = [title for title in SHIPPED["teams"] if "interactions" in title]
+
+
+@pytest.mark.parametrize("title", KINDS)
+def test_teams_that_swap_or_block_are_worth_what_is_said(title):
+    name, _, kind = title.partition(", penalty -100, interactions ")
+    given = {"interactions": kind, "penalty": -100}
+    scenario = load_scenario(name).with_settings(given)
+    bound = shipped_asking_team(scenario)
+    assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
+    assert bound.value <= joint_optimum(scenario).value + 1e-6
+    assert bound.value >= shortest_path_reference(scenario).returns
+
+
+@pytest.mark.parametrize("name", ["lane", "lift", "merge", "bay", "aisle", "rooms"])
 def test_teams_of_the_teaching_scenarios_are_worth_what_is_said(name):
     scenario = load_scenario(name)
     bound = shipped_asking_team(scenario)

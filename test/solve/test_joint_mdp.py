@@ -12,24 +12,27 @@ from sparse_coord_ros.core.solve.optimum import joint_optimum
 
 
 @pytest.mark.parametrize(
-    "settings",
+    ("name", "settings"),
     [
-        {},
-        {"penalty": -100},
-        {"interactions": "together:any_doorway"},
-        {"interactions": "swap"},
-        {"interactions": "block"},
-        {"interactions": "together+swap+block:anywhere"},
+        ("env1", {}),
+        ("env1", {"penalty": -100}),
+        ("env1", {"interactions": "together:any_doorway"}),
+        ("env1", {"interactions": "swap"}),
+        ("env1", {"interactions": "block"}),
+        ("env1", {"interactions": "together+swap+block:anywhere"}),
+        ("lift", {}),
+        ("lift", {"interactions": "together:anywhere+swap+block+help:20"}),
     ],
 )
-def test_value_iteration_finds_the_optimum(settings):
-    scenario = load_scenario("env1", **settings)
+def test_value_iteration_finds_the_optimum(name, settings):
+    scenario = load_scenario(name, **settings)
     mdp = joint_mdp(scenario)
-    assert mdp.R.shape == (441, 16)
+    states = len(scenario.map.cells) ** 2
+    assert mdp.R.shape == (states, 16)
     assert mdp.actions.shape == (16, 2)
     for matrix in mdp.P:
         assert np.allclose(matrix.sum(axis=1), 1.0)
-    values = np.zeros(441)
+    values = np.zeros(states)
     for _ in range(700):
         values = np.max(
             [mdp.R[:, a] + mdp.discount * (p @ values) for a, p in enumerate(mdp.P)], 0

@@ -13,10 +13,12 @@ from sparse_coord_ros.core.game.interactions import (
     settle,
 )
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.optimum import (
     SOLVED,
     independent_bound,
     joint_optimum,
+    upper_bound,
 )
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
@@ -210,6 +212,8 @@ KINDS = [
     "block:anywhere",
     "together+swap",
     "together:anywhere+swap+block",
+    "help:30",
+    "together+swap+block:anywhere+help:2",
 ]
 
 
@@ -218,7 +222,7 @@ def test_it_is_what_brute_force_finds(make, interactions):
     """Three robots; each step by the rules of teams in plain Python."""
     robots = {"a": ([0, 0], [0, 3]), "b": ([0, 3], [0, 0]), "c": ([1, 1], [0, 2])}
     scenario = make(
-        "..D.\n#.##",
+        "HHD.\n#H##",
         robots,
         interactions=interactions,
         move_success=0.7,
@@ -230,7 +234,12 @@ def test_it_is_what_brute_force_finds(make, interactions):
     )
 
 
-def brute_force(scenario):
+def two_help(inter, cells):
+    """Return whether robots are in two help places."""
+    return len({x for x in cells if inter.posts[x]}) >= 2
+
+
+def brute_force(scenario, sweeps=50):
     """Return the optimum by value iteration over dictionaries."""
     inter = as_lists(interactions_of(scenario))
     lead = scenario.map.next_cell.tolist()
@@ -251,10 +260,12 @@ def brute_force(scenario):
             paid *= scenario.goal_reward
             if miscoordinate(inter, state, ends, members):
                 paid += sum(scenario.penalties)
+            if two_help(inter, ends) and not two_help(inter, state):
+                paid += sum(scenario.help_rewards)
             outcomes[state, wanted] = tuple(ends), paid / len(goals)
     value = dict.fromkeys(itertools.product(cells, repeat=len(goals)), 0.0)
     home = scenario.goal_reward / (1 - scenario.discount)
-    for _ in range(50):
+    for _ in range(sweeps):
         worth = {
             key: paid + scenario.discount * value[after]
             for key, (after, paid) in outcomes.items()
@@ -284,3 +295,24 @@ def expected_worth(worth, state, joint, p):
                 chance *= p if y == way[1] else 1 - p
         total += chance * worth[state, wanted]
     return total
+
+
+def test_the_optimum_of_help_is_what_brute_force_finds():
+    """With moves of 0.8 and a discount of 0.95, on the whole map of the scenario."""
+    scenario = load_scenario("lift")
+    assert joint_optimum(scenario).value == pytest.approx(153.7909, abs=1e-3)
+    assert brute_force(scenario, sweeps=250) == pytest.approx(153.7909, abs=1e-3)
+
+
+@pytest.mark.parametrize("reward", [0, 20, 200])
+def test_no_team_earns_more_than_the_bound_where_robots_help(monkeypatch, reward):
+    """With 200 they go in and out of their places for ever."""
+    scenario = load_scenario("lift", interactions=f"help:{reward}")
+    value = joint_optimum(scenario).value
+    alone = independent_bound(scenario)
+    assert value >= alone - 1e-6
+    assert value <= upper_bound(scenario) + 1e-6
+    assert (value > alone + 1) == (reward > 0)
+    monkeypatch.setattr(optimum, "MOST_JOINT_STATES", 195)
+    found = joint_optimum(scenario)
+    assert (found.exact, found.value) == (False, upper_bound(scenario))

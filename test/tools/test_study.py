@@ -9,7 +9,7 @@ from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.studies.conditions import make_condition
 from tools.study import __main__ as tool
-from tools.study import coordination, rules
+from tools.study import coordination, kinds, rules
 from tools.study.coordination import Study, failed_share
 
 
@@ -58,7 +58,7 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
 
 
 def test_the_ablation_turns_off_one_part_each():
-    for rule, _ in coordination.ABLATED.values():
+    for rule, *_ in (*coordination.ABLATED.values(), *kinds.PARTS.values()):
         part = type(learner_of(rule))
         own = [
             name for name, one in vars(part).items() if isinstance(one, staticmethod)

@@ -1,9 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compute tables of coordination.md, related.md, known_map.md, leaderboard.md; write them there.
+"""Compute tables of pages in docs, and write them there: `python -m tools.study --out DIR STUDY`.
 
-`python -m tools.study --out study [STUDY ...]`, in a checkout. What the folder has already is not
-computed again.
+In a checkout. What the folder has already is not computed again.
 """
 
 import re
@@ -21,7 +20,15 @@ from sparse_coord_ros.core.game.plugins import allow_modules
 from sparse_coord_ros.studies.conditions import Condition
 from sparse_coord_ros.studies.runner import Computing, compute
 from sparse_coord_ros.studies.store import ConditionResult, Plan, open_results
-from tools.study import coordination, known_map, outsiders, related, rules
+from tools.study import (
+    advised,
+    coordination,
+    kinds,
+    known_map,
+    outsiders,
+    related,
+    rules,
+)
 from tools.study.coordination import Study
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -32,6 +39,8 @@ STUDIES: dict[str, Study] = {
         *related.STUDIES,
         *known_map.STUDIES,
         *outsiders.STUDIES,
+        *kinds.STUDIES,
+        *advised.STUDIES,
     )
 }
 

@@ -129,9 +129,15 @@ def _tuning(found: Found) -> Rows:
             }
             for place, (robots, steps) in enumerate(TASKS):
                 one = stood[place] if place < len(stood) else None
-                said = None if one is None else one.share_and_failed()
+                said = None if one is None else _in_short(one)
                 row[f"{robots}r, {steps:,} steps"] = said
             yield row
+
+
+def _in_short(one: Standing) -> str:
+    """Return the share of the gap with its error, and the number of failed teams."""
+    share, _ = one.share_and_failed().split(";")
+    return f"{share}; {one.failed}"
 
 
 STUDIES = (Study("tuned", (6, 3), 200, _tuning, SEED, PAGE),)

@@ -7,7 +7,7 @@ from typing import Any
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
-from sparse_coord_ros.core.learners.rules import Task, greatest
+from sparse_coord_ros.core.learners.rules import Task, Transition, greatest
 
 
 class NoPerceptUpdate(Factored):
@@ -41,6 +41,34 @@ class NoRightOfWay(Factored):
     def counts(mind, task, peer, cell, peer_cell):
         """Return 1: each correction counts."""
         return True
+
+
+class NoExchanges(Factored):
+    """Takes all r^C for that of a cell, none for that of an exchange."""
+
+    @staticmethod
+    def came_from(mind: Any, task: Task, now: Transition, y: int) -> bool:
+        """Return whether the robot exchanged cells: never."""
+        return False
+
+
+class NoStops(Factored):
+    """Takes stops for slips."""
+
+    @staticmethod
+    def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
+        """Return whether a peer stopped the robot: never."""
+        return False
+
+
+class OneStep(Factored):
+    """Counts a stop as the step that it costs near the goal."""
+
+    @staticmethod
+    def loss_of_stop(mind: Any, task: Task) -> float:
+        """Return what arrival loses in a step."""
+        arrival: float = task.goal_reward + task.discount * task.goal_value
+        return (1.0 - task.discount) * arrival
 
 
 class WholeSurplus(Factored):

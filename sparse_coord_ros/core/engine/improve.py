@@ -8,7 +8,7 @@ and a climb of the *team's* value in it, from the policies learned, by changes o
 does in one cell. Of two robots the value is exact, and the climb is that of
 `core.solve.asking_search`; of more it is that of trials with the same draws. The paper has no such
 exchange, and this is planning, on a learned model: doorways that no robot has felt are not in it.
-It knows robots that are together, in doorways or anywhere; with swap or block it is refused.
+It knows robots that are together, in doorways or anywhere; with swap, block or help it is refused.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -4,7 +4,7 @@
 
 A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
 `resolution`, `origin` and `radius`), a line `---`, then the grid: one line a row, `#` wall, `.`
-free, `D` doorway (free), a digit 1 to 9 a start (free).
+free, `D` doorway (free), `H` help place (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
@@ -26,7 +26,8 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS
 WALL = "#"
 FREE = "."
 DOORWAY = "D"
-SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
+HELP = "H"
+SYMBOLS = "'#' wall, '.' free, 'D' doorway, 'H' help place, '1' to '9' start"
 UNREACHABLE = -1
 
 CLEAR = 0.07
@@ -108,6 +109,13 @@ class GridMap:
         """The cells that are doorways, by their numbers; a doorway may have several cells."""
         return frozenset(
             x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == DOORWAY
+        )
+
+    @cached_property
+    def help_places(self) -> frozenset[int]:
+        """The cells in which robots can help each other, by their numbers."""
+        return frozenset(
+            x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == HELP
         )
 
     @property
@@ -361,8 +369,8 @@ def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
                 f"map {where}, line {line}: row has {len(row)} symbols, the first row has "
                 f"{len(rows[0])}; all rows must be equally long (fill with '#')"
             )
-        for column, symbol in enumerate(row if row.strip("#.D") else "", start=1):
-            if symbol not in "#.D123456789":
+        for column, symbol in enumerate(row if row.strip("#.DH") else "", start=1):
+            if symbol not in "#.DH123456789":
                 what = f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}"
                 raise MapError(f"{what}; allowed: {SYMBOLS}")
             if symbol.isdigit() and symbol in seen:

@@ -166,7 +166,7 @@ class SpecFamily:
 
 
 class KindFamily(SpecFamily):
-    """Kinds without numbers; a setting names one or more of them: `together+swap`.
+    """Kinds of which a setting names one or more: `together+swap`, `together+help:10`.
 
     A kind may stand in several variants, such as `block` and `block:anywhere`. Only one of them
     can be named.
@@ -181,21 +181,32 @@ class KindFamily(SpecFamily):
         """Read the kinds, and return them in the order of the forms, joined by '+'.
 
         Raises:
-            SettingError: an unknown kind, or two variants of one.
+            SettingError: an unknown kind, two variants of one, wrong count of numbers, or a number
+                out of range.
         """
-        known = [form.kind for form in self.forms]
-        named = str(value).split("+")
-        for kind in named:
-            if kind not in known:
-                raise self.unknown(kind, known)
-        bare = [kind.split(":")[0] for kind in named]
+        named = {}
+        for text in str(value).split("+"):
+            form = self._form(text)
+            numbers = text.split(":")[1:] if form.numbers else []
+            named[text] = form.kind, str(self.numbered(form, numbers))
+        bare = [text.split(":")[0] for text in str(value).split("+")]
         for kind in bare:
             if bare.count(kind) > 1:
                 raise SettingError(
                     f"setting {self.setting}: {str(value)!r} names {kind!r} "
                     f"{bare.count(kind)} times, allowed: once; leave the others out"
                 )
-        return "+".join(kind for kind in known if kind in named)
+        written = dict(named.values())
+        return "+".join(
+            written[form.kind] for form in self.forms if form.kind in written
+        )
+
+    def _form(self, text: str) -> Form:
+        """Return the form of one kind, which may be followed by numbers."""
+        for form in self.forms:
+            if text == form.kind or (form.numbers and text.split(":")[0] == form.kind):
+                return form
+        raise self.unknown(text, [form.kind for form in self.forms])
 
 
 def _number(text: str) -> float:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from sparse_coord_ros.core.game.draws import PlainDraws
 from sparse_coord_ros.core.game.interactions import (
     interacting,
+    is_help,
     miscoordinate,
     settle,
 )
@@ -231,6 +232,7 @@ class World:
         arrivals = [k for k in acting if self.cells[k] == self._problem.goals[k]]
         inter = self._problem.interactions
         conflict = miscoordinate(inter, before, self.cells, self.agents)
+        helped = is_help(inter, before, self.cells, self.agents)
         rewards = []
         for k, action in enumerate(actions):
             partners = UNKNOWN_PARTNERS
@@ -238,7 +240,8 @@ class World:
                 partners = interacting(
                     inter, before, wanted, self.cells, self.agents, k
                 )
-            rewards.append(self._reward(k, action, k in arrivals, conflict, partners))
+            common = common_reward(self._problem, k, conflict, helped)
+            rewards.append(self._reward(action, k in arrivals, common, partners))
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
@@ -247,12 +250,11 @@ class World:
         return StepOutcome(tuple(rewards), conflict, tuple(arrivals), self.episode_over)
 
     def _reward(
-        self, k: int, action: Action | None, home: bool, conflict: bool, partners: int
+        self, action: Action | None, home: bool, common: float, partners: int
     ) -> Reward:
         """Return R_k(t)."""
         problem = self._problem
         individual = individual_reward(problem, home)
-        common = common_reward(problem, k, conflict)
         cost = asking_reward(problem, action is not None and action.asked)
         return Reward(individual, common, cost, individual + common + cost, partners)
 

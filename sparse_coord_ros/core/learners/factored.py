@@ -193,9 +193,11 @@ class Factored(Learner):
                 f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
                 f"prior={prior}"
             )
-        felt = self.weights(scenario).common * scenario.penalties[robot]
+        weight = self.weights(scenario).common
+        felt = weight * scenario.penalties[robot]
+        with_help = weight * (scenario.penalties[robot] + scenario.help_rewards[robot])
         for name in ("door", "passage"):
-            if not np.isin(memory[name], [0.0, felt]).all():
+            if not np.isin(memory[name], [0.0, felt, with_help]).all():
                 raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
         best = memory["q_star"].max(axis=1)
         kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
@@ -383,6 +385,30 @@ class Factored(Learner):
             mind.r_bar[cell][b] = toward(mind.r_bar[cell][b], floor, mind.correction[b])
 
     @staticmethod
+    def was_stopped(mind: Mind, task: Task, now: Transition) -> bool:
+        """Return whether a peer stopped the robot on its way to a cell that it knows."""
+        if not task.blocks or now.next_cell != now.cell or now.common != 0.0:
+            return False
+        return now.partners > 0 and mind.moved[now.cell][now.move] > 0
+
+    @staticmethod
+    def loss_of_stop(mind: Mind, task: Task) -> float:
+        """Return the loss from a stop: a share of the value of arrival."""
+        arrival: float = task.goal_reward + task.discount * task.goal_value
+        return STOP * arrival
+
+    @staticmethod
+    def came_from(mind: Mind, task: Task, now: Transition, y: int) -> bool:
+        """Return whether the robot went into a cell where a partner was."""
+        if now.cell == y:
+            return False
+        for peer in range(task.robots):
+            its = (now.partners >> peer) & 1
+            if peer != task.number and its and now.cells[peer] == y:
+                return True
+        return False
+
+    @staticmethod
     def look_back(mind: Mind, task: Task, now: Transition) -> None:
         """Learn from two questions in a row the result of each move at the first."""
         last = mind.last
@@ -464,6 +490,24 @@ def worth(mind: Any, task: Task, cell: int) -> float:
 @of_learner
 def update_by_percept(mind: Any, task: Task, cell: int, floor: float) -> None:
     """As `Factored.update_by_percept`."""
+
+
+@of_learner
+def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
+    """As `Factored.was_stopped`."""
+    raise NotImplementedError
+
+
+@of_learner
+def loss_of_stop(mind: Any, task: Task) -> float:
+    """As `Factored.loss_of_stop`."""
+    raise NotImplementedError
+
+
+@of_learner
+def came_from(mind: Any, task: Task, now: Transition, y: int) -> bool:
+    """As `Factored.came_from`."""
+    raise NotImplementedError
 
 
 @of_learner
@@ -624,47 +668,26 @@ def led_to(mind: Any, task: Task, now: Transition) -> int:
 
 
 @inlined
-def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
-    """Return whether a peer stopped the robot on its way to a cell that it knows."""
-    if not task.blocks or now.next_cell != now.cell or now.common != 0.0:
-        return False
-    return now.partners > 0 and mind.moved[now.cell][now.move] > 0
-
-
-@inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or the loss from a stop on the way to cell y; note the place."""
+    """Return r^C, or the loss from a stop on the way to cell y; note the place.
+
+    Help has no place of its own: the robot felt it while the peer was in another cell.
+    """
     if y != now.next_cell:
         mind.narrow[y] = True
-        return -loss_of_stop(task)
+        return -loss_of_stop(mind, task)
     if now.partners == 0 or now.common == 0.0:
         return 0.0
+    if now.common > 0.0:
+        return now.common
     if not task.swaps:
         mind.door[y] = now.common
     elif now.seen != 0:
-        if came_from(task, now, y):
+        if came_from(mind, task, now, y):
             mind.passage[y] = now.common
         else:
             mind.door[y] = now.common
     return now.common
-
-
-@inlined
-def loss_of_stop(task: Task) -> float:
-    """Return the loss from a stop: a share of the value of arrival."""
-    arrival: float = task.goal_reward + task.discount * task.goal_value
-    return STOP * arrival
-
-
-@inlined
-def came_from(task: Task, now: Transition, y: int) -> bool:
-    """Return whether the robot went into a cell where a partner was."""
-    if now.cell == y:
-        return False
-    for peer in range(task.robots):
-        if peer != task.number and (now.partners >> peer) & 1 and now.cells[peer] == y:
-            return True
-    return False
 
 
 @inlined
@@ -893,7 +916,7 @@ def learn_first(
             if is_met(task, now, peers, first):
                 brought += (1.0 - share) * mind.door[first]
             if stopped:
-                brought -= share * loss_of_stop(task)
+                brought -= share * loss_of_stop(mind, task)
             elif is_met(task, now, peers, s):
                 brought += share * mind.door[s]
             elif task.swaps and would_exchange(mind, task, now, peers, first, s):

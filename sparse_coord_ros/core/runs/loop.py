@@ -15,6 +15,7 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import drawn
 from sparse_coord_ros.core.game.interactions import (
     interacting,
+    is_help,
     miscoordinate,
     settle,
 )
@@ -249,8 +250,8 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
 
 
 @inlined
-def move_all(state: State, step: int) -> bool:
-    """Move every robot that acts; return whether the step is a miscoordination."""
+def move_all(state: State, step: int) -> tuple[bool, bool]:
+    """Move every robot that acts; return whether the step is a miscoordination, and help."""
     rule, game, choice, draws, _ = state
     problem = rule.problem
     inter = problem.interactions
@@ -260,7 +261,9 @@ def move_all(state: State, step: int) -> bool:
             cells[k] = led(problem, draws, k, step, cells[k], choice.moves[k])
         choice.wanted[k] = cells[k]
     settle(inter, choice.cells, cells, rule.members)
-    return miscoordinate(inter, choice.cells, cells, rule.members)
+    conflict = miscoordinate(inter, choice.cells, cells, rule.members)
+    helped = is_help(inter, choice.cells, cells, rule.members)
+    return conflict, helped
 
 
 @inner
@@ -275,11 +278,11 @@ def learn_from(
     minds: Any,
     k: int,
     step: int,
-    conflict: bool,
+    felt: float,
     epsilon: float,
     floor: float,
 ) -> None:
-    """Let robot k learn from the step that was made."""
+    """Let robot k learn from the step that was made; it felt an r^C."""
     rule, game, choice, draws, _ = state
     problem = rule.problem
     weights = rule.weights
@@ -287,7 +290,6 @@ def learn_from(
     next_cell = int(cells[k])
     action = int(choice.actions[k])
     seen = choice.seen[k]
-    felt = common_reward(problem, k, conflict)
     mind = mind_of(minds, k)
     next_seen = 0
     if sees_all(mind):
@@ -350,7 +352,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
         epsilon = rule.epsilon[scheduled]
         floor = rule.floors[scheduled]
         choose_all(state, minds, step, epsilon)
-        conflict = move_all(state, step)
+        conflict, helped = move_all(state, step)
         if record is not None:
             row = record.used[0] - 1
             record.length[row] += 1
@@ -360,11 +362,11 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
             if arrived[k]:
                 continue
             home = cells[k] == problem.goals[k]
-            learn_from(state, minds, k, step, conflict, epsilon, floor)
+            common = common_reward(problem, k, conflict, helped)
+            learn_from(state, minds, k, step, common, epsilon, floor)
             if record is not None:
                 asked = choice.actions[k] == COORDINATE
                 individual = individual_reward(problem, home)
-                common = common_reward(problem, k, conflict)
                 record.returns[row][k] += (
                     individual + common + asking_reward(problem, asked)
                 )
@@ -419,10 +421,10 @@ def play_until(
         trial = clock[DONE]
         elapsed = step + 1 - clock[EPISODE_START]
         choose_all(state, minds, step, 0.0)
-        conflict = move_all(state, step)
+        conflict, helped = move_all(state, step)
         over = True
         for k in members:
-            common = common_reward(problem, k, conflict)
+            common = common_reward(problem, k, conflict, helped)
             result = results[trial][k]
             result[CONFLICTS] += conflict
             if arrived[k]:

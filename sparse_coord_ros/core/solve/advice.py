@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.core.solve.optimum import Optimum, independent_bound
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
 
@@ -23,7 +23,8 @@ AVOIDABLE = "avoidable"
 """Asking will not pay, as robots can keep out of each other's way for nothing."""
 
 LEAST_WORTH = 1.0
-"""Below this worth hardly any team gains something by asking."""
+"""Below this worth a question costs more than all that can be won, and robots hardly ask. They may
+still win a part of that little by their choice of ways."""
 
 SURE_WORTH = 3.0
 """From this worth on nearly every pair closes at least half of the gap to the joint optimum."""
@@ -46,7 +47,8 @@ class Advice(NamedTuple):
         loss: loss of a robot if the robots ignore each other: see `loss_of_ignoring`.
         ratio: the loss in questions: so many cost as much. Infinite where questions are free.
         gain: at most so much of the loss a team can win back: up to the joint optimum, or to
-            robots alone in the world where the optimum is not known.
+            robots alone in the world where the optimum is not known. Where robots can help each
+            other, it may be more than the loss.
         text: a sentence for people.
     """
 
@@ -62,12 +64,14 @@ def advice(scenario: Scenario) -> Advice:
     loss = loss_of_ignoring(scenario)
     ratio = in_questions(loss, scenario)
     optimum = known_optimum(scenario)
+    if any(scenario.help_rewards):
+        return _advice_of_help(scenario, loss, optimum)
     gain = _positive(loss - independent_bound(scenario) + optimum.value, scenario)
     worth = worth_of(gain, scenario)
     sure = SURE_WORTH if optimum.exact else SURE_WORTH_BY_BOUND
     if worth < LEAST_WORTH:
         kind = WILL_NOT_PAY
-        said = "Coordination will not pay"
+        said = "Asking will not pay"
     elif optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
         said = "Asking will not pay, because robots can take ways on which they do not meet"
@@ -82,6 +86,34 @@ def advice(scenario: Scenario) -> Advice:
         facts += f", {_cost_in_words(ratio)}"
     if optimum.exact and loss > 0.0:
         facts += f"; a team can win back {gain:.2f}"
+    return Advice(kind, loss, ratio, gain, f"{said}: {facts}.")
+
+
+def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice:
+    """Return whether coordination will pay where robots can help each other.
+
+    A team may then earn more than robots alone in the world: the gain is up to the optimum from
+    what robots earn that ignore each other, and there is no way around help.
+    """
+    gain = optimum.value - shortest_path_reference(scenario).returns
+    gain = _positive(gain, scenario)
+    worth = worth_of(gain, scenario)
+    kind = MAY_PAY
+    said = "Coordination may pay"
+    if worth < LEAST_WORTH:
+        kind = WILL_NOT_PAY
+        said = "Coordination will not pay"
+    elif optimum.exact and worth >= SURE_WORTH:
+        kind = WILL_PAY
+        said = "Coordination will pay"
+    facts = "robots that ignore each other gain nothing by seeing each other"
+    if gain > 0.0:
+        most = "" if optimum.exact else "at most "
+        facts = (
+            f"beside robots that ignore each other a team can gain {most}{gain:.2f} each, "
+            f"{_cost_in_words(in_questions(gain, scenario))}"
+        )
+    ratio = in_questions(loss, scenario)
     return Advice(kind, loss, ratio, gain, f"{said}: {facts}.")
 
 

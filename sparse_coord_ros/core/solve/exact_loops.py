@@ -16,6 +16,7 @@ from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
     ends_of_two,
+    help_of_two,
     miscoordinate_two,
 )
 
@@ -33,7 +34,8 @@ class Pair(NamedTuple):
         asked: probability of having asked, given what the step came to, a move (stopped or not)
             or `STAY`; (2, own cell, peer's cell, moves + 1).
         interactions: of the two, in these cells.
-        penalties: r^C of each robot; (2,).
+        penalties: r^C of a miscoordination for each robot; (2,).
+        help_rewards: r^C of help for each robot; (2,).
         worth: value of a robot's arrival, for ever.
         cost: of asking.
         discount: gamma.
@@ -49,6 +51,7 @@ class Pair(NamedTuple):
     asked: np.ndarray
     interactions: Interactions
     penalties: np.ndarray
+    help_rewards: np.ndarray
     worth: float
     cost: float
     discount: float
@@ -188,11 +191,12 @@ def follow(
             if inter.blocks:
                 y, w = ends_of_two(inter, x, z, y, w)
             conflict = miscoordinate_two(inter, x, z, y, w)
+            helped = help_of_two(inter, x, z, y, w)
             target = y * cells + w
-            pay(pair, sums, x, z, y, w, conflict, factor * q, q)
+            pay(pair, sums, x, z, y, w, conflict, helped, factor * q, q)
             if squared:
-                bring(pair, sums.brought, 0, x, z, y, conflict, a, factor)
-                bring(pair, sums.brought, 1, z, x, w, conflict, b, factor)
+                bring(pair, sums.brought, 0, x, z, y, conflict, helped, a, factor)
+                bring(pair, sums.brought, 1, z, x, w, conflict, helped, b, factor)
                 pass_on(sums, now, state, target, q, q / p)
             if target != home:
                 add(later, target, q)
@@ -238,6 +242,7 @@ def pay(
     y: int,
     w: int,
     conflict: bool,
+    helped: bool,
     worth: float,
     q: float,
 ) -> None:
@@ -246,6 +251,9 @@ def pay(
         sums.team[CONFLICTS] += q
         sums.robots[RETURN, 0] += worth * pair.penalties[0]
         sums.robots[RETURN, 1] += worth * pair.penalties[1]
+    if helped:
+        sums.robots[RETURN, 0] += worth * pair.help_rewards[0]
+        sums.robots[RETURN, 1] += worth * pair.help_rewards[1]
     if y == pair.goals[0] and x != y:
         sums.robots[RETURN, 0] += worth * pair.worth
     if w == pair.goals[1] and z != w:
@@ -263,18 +271,21 @@ def bring(
     z: int,
     y: int,
     conflict: bool,
+    helped: bool,
     a: int,
     factor: float,
 ) -> None:
     """Write mean and square of the changes of robot k in a step from x to y.
 
     The peer was in z, the step comes to `a`, and its reward counts `factor` times. `conflict`:
-    it is a miscoordination.
+    it is a miscoordination; `helped`: it is help.
     """
     acting = 1.0 if x != pair.goals[k] else 0.0
     meets = 1.0 if conflict else 0.0
     asked = acting * pair.asked[k, x, z, a]
     paid = meets * pair.penalties[k]
+    if helped:
+        paid += pair.help_rewards[k]
     if acting and y == pair.goals[k]:
         paid += pair.worth
     with_cost = paid - pair.cost

@@ -6,8 +6,8 @@ The yardstick for Coop.: a single controller that sees the full joint state, cho
 action and pays nothing for asking. Its value is the average over the robots, as in the paper.
 
 Robots that can only be together move independently, and a step pays by the cells in which it ends:
-then each robot's move is a matter of its own axis. With swap or block it is looked up what becomes
-of all cells that the robots may want.
+then each robot's move is a matter of its own axis. With swap, block or help it is looked up what
+becomes of all cells that the robots may want.
 """
 
 import hashlib
@@ -21,6 +21,7 @@ import numpy as np
 from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.interactions import (
     any_together,
+    help_given,
     interactions_of,
     miscoordinations,
     only_together,
@@ -32,8 +33,8 @@ MOST_JOINT_STATES = 100_000
 """Largest number of joint states that is solved exactly."""
 
 MOST_JOINT_OUTCOMES = 2**25
-"""Largest number of joint outcomes of steps that is solved where robots swap or block: for each
-joint state 5^K of K robots. They take up to two gigabytes."""
+"""Largest number of joint outcomes of steps that is solved where robots swap, block or help: for
+each joint state 5^K of K robots. They take up to two gigabytes."""
 
 TOLERANCE = 1e-11
 """Largest change of a sweep, as a share of the greatest value."""
@@ -45,7 +46,7 @@ class Optimum:
 
     Attributes:
         value: total discounted reward from the scenario's starts.
-        exact: True: the optimum itself; False: an upper bound, each robot alone and unhindered.
+        exact: True: the optimum itself; False: an upper bound (`upper_bound`).
         joint_states: number of joint states of the scenario.
     """
 
@@ -68,7 +69,7 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     team = len(scenario.robots)
     states = cells**team
     if is_too_large(scenario):
-        return Optimum(independent_bound(scenario), False, states)
+        return Optimum(upper_bound(scenario), False, states)
     leads = [successors(scenario, k) for k in range(team)]
     paid = payment(scenario)
     inter = interactions_of(scenario)
@@ -76,10 +77,17 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
         *((robot.start, robot.goal) for robot in scenario.robots), strict=True
     )
     toll = sum(scenario.penalties)
-    numbers = scenario.discount, scenario.move_success, scenario.goal_reward, toll
+    bonus = sum(scenario.help_rewards)
+    numbers = (
+        *(scenario.discount, scenario.move_success, scenario.goal_reward),
+        *(toll, bonus),
+    )
     arrays = hashlib.sha256(
         np.concatenate(
-            [paid.ravel(), *map(np.ravel, leads), inter.passages, inter.narrow]
+            [
+                *(paid.ravel(), *map(np.ravel, leads)),
+                *(inter.passages, inter.narrow, inter.posts),
+            ]
         ).tobytes()
     )
     key = starts, goals, numbers, paid.shape, arrays.digest()
@@ -132,7 +140,7 @@ def always_asking(scenario: Scenario) -> float | None:
 
     Returns:
         Total discounted reward from the starts, averaged over the robots; None where there are
-        more than `MOST_JOINT_STATES` joint states, and with swap or block.
+        more than `MOST_JOINT_STATES` joint states, and with swap, block or help.
     """
     team = len(scenario.robots)
     cells = len(scenario.map.cells)
@@ -198,6 +206,7 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
     ways = [np.concatenate([successors(scenario, k), own]) for k in range(team)]
     goals = _paid_at_goals(scenario).ravel()
     toll = sum(scenario.penalties) / team
+    bonus = sum(scenario.help_rewards) / team
     after = np.empty((OUTCOMES,) * team + (cells**team,), dtype=np.int32)
     paid = np.empty(after.shape)
     for chosen in product(range(OUTCOMES), repeat=team):
@@ -206,6 +215,7 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
         conflict = miscoordinations(inter, before, ends)
         after[chosen] = np.ravel_multi_index(tuple(ends), shape)
         paid[chosen] = goals[after[chosen]] + np.where(conflict, toll, 0.0)
+        paid[chosen] += np.where(help_given(inter, before, ends), bonus, 0.0)
     return JointOutcomes(after, paid)
 
 
@@ -232,14 +242,25 @@ def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
 
 
 def independent_bound(scenario: Scenario) -> float:
-    """Return the team's value without penalties, an upper bound for all policies.
+    """Return the value of robots alone in the world, each on a shortest path.
 
-    Each robot is alone on a shortest path.
+    It is an upper bound for all policies unless robots can help each other.
     """
     robots = scenario.robots
     ways = scenario.map.distances_to
     far = np.array([ways(robot.goal)[robot.start] for robot in robots])
     return float(np.mean(worth_alone(scenario, far)))
+
+
+def upper_bound(scenario: Scenario) -> float:
+    """Return an upper bound for all policies: robots alone, and help whenever it can be paid."""
+    bonus = sum(scenario.help_rewards) / len(scenario.robots)
+    return independent_bound(scenario) + bonus * most_help(scenario)
+
+
+def most_help(scenario: Scenario) -> float:
+    """Return how often help can be paid at most, discounted: in every other step."""
+    return 1.0 / (1.0 - scenario.discount**2)
 
 
 def worth_alone(

@@ -5,12 +5,13 @@
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
 own, and at every time step the chance of a miscoordination follows from who is how likely where.
-With swap or block they are not independent: a pair is evaluated as one joint chain, exactly, and a
-larger team by trials.
+With swap, block or help they are not independent: a pair is evaluated as one joint chain, exactly,
+and a larger team by trials.
 """
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
     any_together,
+    help_given,
     interactions_of,
     miscoordinations,
     only_together,
@@ -33,8 +35,8 @@ NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
 TRIALS = 10_000
-"""Trials of a team that swaps or blocks and is too large for the joint chain; all draws are those
-of one seed."""
+"""Trials of a team that swaps, blocks or helps and is too large for the joint chain; all draws are
+those of one seed."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +46,9 @@ class Reference:
     Attributes:
         returns: total discounted reward, averaged over the robots: the goal paid from arrival on
             for ever, and a penalty for each miscoordination until all have arrived. Unlike trials,
-            it knows no horizon; but with swap or block it does.
-        time_to_goal: steps until arrival, averaged over the robots; without horizon too. With swap
-            or block: the horizon for a robot that does not arrive.
+            it knows no horizon; but with swap, block or help it does.
+        time_to_goal: steps until arrival, averaged over the robots; without horizon too. With
+            swap, block or help: the horizon for a robot that does not arrive.
         miscoordinations: steps of a trial that end in a miscoordination, within the horizon.
         all_arrived: probability that all robots arrive within the horizon.
         trials: how many trials it is the mean of; 0: it is exact.
@@ -94,7 +96,7 @@ def shortest_path_reference(
 
     It is what Indiv. tends to. `returns` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial. It is exact (`exact`), but for more
-    than two robots that swap or block it is the mean of 10,000 trials, with standard errors.
+    than two robots that swap, block or help it is the mean of 10,000 trials, with standard errors.
 
     Args:
         scenario: the problem.
@@ -143,6 +145,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
     worth = scenario.goal_reward / (1.0 - scenario.discount)
     toll = float(np.mean(scenario.penalties))
+    bonus = float(np.mean(scenario.help_rewards))
     returns = np.zeros(TRIALS)
     times = np.zeros(TRIALS)
     conflicts = np.zeros(TRIALS)
@@ -162,6 +165,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
         conflict = running & miscoordinations(inter, cells, ends)
         arrivals = (under_way & (ends == goals)).sum(axis=0)
         returns += scenario.discount**t * (conflict * toll + arrivals * worth / team)
+        returns += scenario.discount**t * bonus * help_given(inter, cells, ends)
         times += under_way.mean(axis=0)
         conflicts += conflict
         cells = ends
@@ -211,12 +215,8 @@ def _miscoordination_probability(
     ]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))
-    shares = [_shares(scenario, own) for own in moves]
-    cells = len(scenario.map.cells)
-    stay = np.arange(cells)[:, None]
-    leads = np.concatenate([scenario.map.next_cell, stay], axis=1).ravel()
-    place = np.zeros((len(robots), cells))  # [k, x]: probability of robot k in cell x
-    place[numbers, [robot.start for robot in robots]] = 1.0
+    places_in_time = _places_in_time(scenario, moves)
+    place = next(places_in_time)
     in_doorway: list[list[np.ndarray]] = []
     all_arrived: list[float] = []
     moving = np.ones(place.shape, dtype=bool)
@@ -229,10 +229,7 @@ def _miscoordination_probability(
         if rest <= NEGLIGIBLE_PROBABILITY:
             break
         all_arrived.append(place[numbers, goals].prod())
-        moved = zip(place, shares, strict=True)
-        place = np.stack(
-            [np.bincount(leads, (p[:, None] * s).ravel(), cells) for p, s in moved]
-        )
+        place = next(places_in_time)
         in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
@@ -241,6 +238,48 @@ def _miscoordination_probability(
     likely = np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
     in_time = all_arrived[scenario.horizon : scenario.horizon + 1]
     return likely, float(in_time[0]) if in_time else 1.0
+
+
+def _places_in_time(
+    scenario: Scenario, moves: Sequence[np.ndarray]
+) -> Iterator[np.ndarray]:
+    """Yield the probability of robot k in cell x [k, x], at the start and after each step.
+
+    It does not end. Robots are not in each other's way.
+    """
+    shares = [_shares(scenario, own) for own in moves]
+    cells = len(scenario.map.cells)
+    stay = np.arange(cells)[:, None]
+    leads = np.concatenate([scenario.map.next_cell, stay], axis=1).ravel()
+    place = np.zeros((len(moves), cells))
+    starts = [robot.start for robot in scenario.robots]
+    place[np.arange(len(moves)), starts] = 1.0
+    while True:
+        yield place
+        moved = zip(place, shares, strict=True)
+        place = np.stack(
+            [np.bincount(leads, (p[:, None] * s).ravel(), cells) for p, s in moved]
+        )
+
+
+def expected_meetings(scenario: Scenario) -> np.ndarray:
+    """Return how many pairs of robots on shortest paths end a step in a cell, by cell [x].
+
+    Steps are discounted, and end at the horizon. Equally short ways are equally likely. Robots are
+    not in each other's way, and none counts at its own goal.
+    """
+    moves = [_shortest(scenario, robot, keep_right=False) for robot in scenario.robots]
+    goals = [robot.goal for robot in scenario.robots]
+    found = np.zeros(len(scenario.map.cells))
+    places_in_time = itertools.islice(
+        _places_in_time(scenario, moves), scenario.horizon
+    )
+    for t, place in enumerate(places_in_time):
+        under_way = place.copy()
+        under_way[np.arange(len(goals)), goals] = 0.0
+        pairs = (under_way.sum(axis=0) ** 2 - (under_way**2).sum(axis=0)) / 2
+        found += scenario.discount**t * pairs
+    return found
 
 
 def _one_each(occupied: np.ndarray) -> np.ndarray:

@@ -203,13 +203,23 @@ def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
     return {data["game"]: data for data in shipped_json(file).get(key, {}).values()}
 
 
+def bound_in_words(scenario: Scenario) -> str:
+    """Return what `upper_bound` is."""
+    if any(scenario.help_rewards):
+        return "bound (alone, help)"
+    return "bound (robots alone)"
+
+
 def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     """Return name and total discounted reward of each team or bound that is known, best last."""
     optimum = known_optimum(scenario)
+    last = bound_in_words(scenario)
+    if optimum.exact:
+        last = "exact joint optimum"
     known = {
         "best asking team found": shipped_asking_team(scenario),
         "best learned team": shipped_best_team(scenario),
         "route planner": shipped_routes(scenario),
-        "exact joint optimum" if optimum.exact else "bound (robots alone)": optimum,
+        last: optimum,
     }
     return [(name, one.value) for name, one in known.items() if one is not None]

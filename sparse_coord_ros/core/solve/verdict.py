@@ -129,10 +129,11 @@ def _compared(
 ) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
-    With block alone there are no miscoordinations; robots in each other's way lose time.
+    With block or help alone there are no miscoordinations; robots in each other's way, or robots
+    that wait for each other, lose time.
     """
+    steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
     if scenario.interactions.startswith("block"):
-        steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
         arrive = ""
         if 1.0 - ignoring.all_arrived > HARDLY_EVER:
             arrive = (
@@ -140,6 +141,8 @@ def _compared(
                 "trials."
             )
         return f"Steps to the goal: {steps}.{arrive}"
+    if list(scenario.kinds) == ["help"]:
+        return f"Steps to the goal: {steps}."
     counted = found.miscoordinations.mean
     return (
         f"Miscoordinations per episode: {counted:.2g} instead of "

@@ -105,16 +105,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
     Raises:
         MapError: a file is missing or broken, or a field is missing or bad.
     """
-    if path.suffix.lower() in IMAGES:
-        beside = path.with_suffix(".yaml")
-        raise MapError(
-            f"{path}: is an image; give the YAML file that belongs to it"
-            + (
-                f": {beside}"
-                if beside.exists()
-                else ", with image, resolution and origin"
-            )
-        )
+    if is_picture(path):
+        raise MapError(_yaml_wanted(path))
     text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
     said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
     if "robots" in said and "image" not in said:
@@ -127,6 +119,77 @@ def read_floor_plan(path: Path) -> FloorPlan:
             name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()
         }
     origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
+    return _floor_plan(path, data, origin)
+
+
+def is_picture(path: Path) -> bool:
+    """Return whether a file is an image, by its name."""
+    return path.suffix.lower() in IMAGES
+
+
+def _yaml_wanted(image: Path) -> str:
+    """Return that an image needs its YAML file, and what to write in one."""
+    beside = image.with_suffix(".yaml")
+    if beside.exists():
+        return f"{image}: is an image; give the YAML file that belongs to it: {beside}"
+    lines = f"image: {image.name}", "resolution: 0.05", "origin: [0, 0, 0]"
+    return (
+        f"{image}: is an image, and its scale is not known; write {beside} with three lines, "
+        f"{' / '.join(map(repr, lines))} (metres a pixel; x, y in metres of the lower left "
+        f"corner; yaw), and give that file; or choose them on a page: sparse_coord import-map "
+        f"{image} --page"
+    )
+
+
+def read_picture(
+    image: Path, resolution: float, origin: tuple[float, float]
+) -> FloorPlan:
+    """Read an image that has no YAML file, with map_server's defaults.
+
+    Args:
+        image: the image.
+        resolution: metres a pixel.
+        origin: (x, y) of its lower left corner, in metres.
+
+    Returns:
+        The floor plan; its path is that of the YAML file that `write_header` writes.
+
+    Raises:
+        MapError: the image has a YAML file already, or cannot be read.
+    """
+    path = image.with_suffix(".yaml")
+    if path.exists():
+        raise MapError(_yaml_wanted(image))
+    defaults = {name: one.default for name, one in FIELDS.items()}
+    fields = defaults | {"image": image.name, "resolution": resolution}
+    return _floor_plan(path, fields, origin)
+
+
+def write_header(plan: FloorPlan, image: str) -> None:
+    """Write the YAML file of a floor plan that was read with map_server's defaults.
+
+    Args:
+        plan: the floor plan.
+        image: the name of its image, which lies beside the YAML file.
+    """
+    fields = {name: one.default for name, one in FIELDS.items()}
+    fields |= {"image": image, "resolution": plan.resolution}
+    write_whole(plan.path, to_yaml(fields | {"origin": [*plan.origin, 0.0]}))
+
+
+def _floor_plan(
+    path: Path, data: dict[str, Any], origin: tuple[float, float]
+) -> FloorPlan:
+    """Return a floor plan.
+
+    Args:
+        path: the YAML file.
+        data: its fields but the origin, typed.
+        origin: (x, y) in metres.
+
+    Raises:
+        MapError: the image is missing or broken, or the thresholds contradict each other.
+    """
     above = data["occupied_thresh"]
     below = data["free_thresh"]
     negate = data["negate"]

@@ -13,15 +13,10 @@ from scipy import ndimage
 from sparse_coord_ros.base.errors import MapError, ScenarioError
 from sparse_coord_ros.base.limits import MAP
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
-from sparse_coord_ros.core.game.interactions import can_interact
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
-from sparse_coord_ros.core.solve.advice import (
-    LEAST_WORTH,
-    in_questions,
-    loss_of_ignoring,
-)
 from sparse_coord_ros.lab.maps import gridding
 from sparse_coord_ros.lab.maps.image import UNKNOWN_GREY, FloorPlan
+from sparse_coord_ros.lab.maps.passages import narrow_corridors
 
 Place = tuple[float, float]
 """(x, y) in metres, in the map's frame."""
@@ -57,11 +52,15 @@ class Imported:
         grid: the map.
         parts: cells of each part of the free space, largest first; those without a robot are left
             out of the map where there are robots.
+        corridors: (x, y) in each corridor that is one cell wide, in metres; longest first.
+        narrow_cells: how many cells these corridors have.
         notes: warnings, one line each.
     """
 
     grid: GridMap
     parts: tuple[int, ...]
+    corridors: tuple[Place, ...]
+    narrow_cells: int
     notes: tuple[str, ...]
 
 
@@ -73,6 +72,7 @@ def import_map(
     robots: Sequence[tuple[Place, Place]] = (),
     doorway: Sequence[Place] = (),
     no_doorway: Sequence[Place] = (),
+    corridors: bool = False,
     doorway_length: float | None = None,
     speck: float = gridding.SPECK,
 ) -> Imported:
@@ -85,6 +85,7 @@ def import_map(
         robots: start and goal of each; parts of the map without any of them become walls.
         doorway: places in cells that are to be doorways.
         no_doorway: places whose doorways are to become plain cells.
+        corridors: whether the cells of corridors that are one cell wide are doorways too.
         doorway_length: most metres through a doorway; a longer passage is a corridor. None: of
             a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
         speck: spots smaller than this, in metres, are noise.
@@ -126,7 +127,11 @@ def import_map(
             1 + np.flatnonzero((sizes >= gridding.CRUMB) | (sizes == sizes.max())),
         )
     run = max(1, math.floor(doorway_length / cell + 1e-9))
-    doors = _doorways(frame, gridding.across(free, run), doorway, no_doorway)
+    found = gridding.across(free, run)
+    narrow = narrow_corridors(free)
+    if corridors:
+        found = np.where(narrow > 0, found.max() + narrow, found)
+    doors = _doorways(frame, found, doorway, no_doorway)
     # Nothing but walls around the map is of use: a border of one cell stays.
     rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
     top = max(0, rows[0] - 1)
@@ -159,7 +164,26 @@ def import_map(
     ]
     notes = tuple(_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide))
     notes += tuple(_pixel_notes(plan, cell, radius))
-    return Imported(grid, parts, notes)
+    return Imported(
+        grid,
+        parts,
+        corridors=_middles(frame, narrow),
+        narrow_cells=int((narrow > 0).sum()),
+        notes=notes,
+    )
+
+
+def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
+    """Return the middle cell of each corridor, in metres; those with most cells first."""
+    corridors = [
+        np.argwhere(narrow == number) for number in range(1, int(narrow.max()) + 1)
+    ]
+    corridors.sort(key=len, reverse=True)
+    middles = []
+    for cells in corridors:
+        row, column = cells[len(cells) // 2].tolist()
+        middles.append(frame.centre((row, column)))
+    return tuple(middles)
 
 
 def _layout_of(
@@ -237,8 +261,8 @@ def _notes(
         yield f"{len(parts)} parts of the map do not connect (cells: {sizes}); {left}"
     if not doors:
         yield (
-            "no doorway found: robots have nothing to coordinate; doorways are one cell wide, so "
-            "choose larger cells, or add a doorway"
+            "no doorway found: doorways are one cell wide, so choose larger cells, or add a "
+            "doorway"
         )
     if wide:
         places = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
@@ -290,6 +314,16 @@ class _Frame:
         raise MapError(
             f"{what} at {_metres(place)} {problem} of {self._name}; {remedy}"
         )
+
+
+def _frame_of(grid: GridMap) -> _Frame:
+    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
+    return _Frame(free, grid.origin, grid.resolution or 1.0, grid.name)
+
+
+def centre_of(grid: GridMap, cell: int) -> Place:
+    """Return (x, y) of the middle of a cell, by its number, in metres."""
+    return _frame_of(grid).centre(grid.cells[cell])
 
 
 def _robot_cells(
@@ -404,8 +438,7 @@ def scenario_of(
                 f"--set {key}: is no setting; give it by an option of its own"
             )
     grid = imported.grid
-    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
-    frame = _Frame(free, grid.origin, grid.resolution or 1.0, grid.name)
+    frame = _frame_of(grid)
     data = {
         f"robot_{k}": {"start": list(start), "goal": list(goal)}
         for k, (start, goal) in enumerate(_robot_cells(frame, robots), start=1)
@@ -444,13 +477,6 @@ def _oddities(scenario: Scenario) -> Iterator[str]:
                 f"the horizon of {scenario.horizon}"
             )
         needed = max(needed, steps_for(way, scenario.move_success))
-    lost = in_questions(loss_of_ignoring(scenario), scenario)
-    if len(robots) > 1 and can_interact(scenario) and lost < LEAST_WORTH:
-        yield (
-            "nothing to coordinate: shortest paths rarely meet "
-            f"({scenario.interactions}), and lose less than a question costs; choose other starts "
-            "and goals, or add a doorway where they meet"
-        )
     if scenario.prior == "none" and needed > SHORTEST_BUDGET * scenario.steps:
         yield (
             f"the step budget of {scenario.steps:,} is short for {len(grid.cells):,} cells: "

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tests whether a user's robot node keeps the contract of docs/interface.md.
+"""Tests whether a user's robot node keeps the contract of docs/own_robot.md.
 
 A script plays the world, and peers that stand still. It also loses a reward, repeats a state,
 publishes messages of another run, and orders the robot back.
@@ -66,7 +66,7 @@ class Judged(NamedTuple):
         text: the obligation.
         verdict: `KEPT`, `BROKEN` or `NOT_SEEN`.
         seen: the robot's behaviour if it broke the obligation, else empty.
-        place: its heading in docs/interface.md.
+        place: its heading in docs/own_robot.md.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Judged(NamedTuple):
 
     def __str__(self) -> str:
         """Return one line."""
-        more = f": {self.seen} (docs/interface.md#{self.place})" if self.seen else ""
+        more = f": {self.seen} (docs/own_robot.md#{self.place})" if self.seen else ""
         return f"{self.verdict:8}  {self.name:10}  {self.text}{more}"
 
 
@@ -489,7 +489,7 @@ STEP = "a-time-step"
 ASKING = "questions"
 BACK = "going-back"
 END = "the-end-of-a-run"
-"""Where obligations stand in docs/interface.md."""
+"""Where obligations stand in docs/own_robot.md."""
 
 OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | None]] = {
     "begins": (

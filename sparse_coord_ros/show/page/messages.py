@@ -17,6 +17,7 @@ from sparse_coord_ros.base import palette
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import History
@@ -85,6 +86,7 @@ def run_fields(run: RunConfig) -> Message:
                 name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
             },
             "doorways": sorted(grid.doorways),
+            "helps": np.flatnonzero(interactions_of(scenario).posts).tolist(),
             "under": under(grid),
         },
         "robots": [

@@ -44,7 +44,7 @@ from sparse_coord_ros.studies.report.data import (
     pick,
 )
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
-from sparse_coord_ros.studies.report.when_figures import when, when_more
+from sparse_coord_ros.studies.report.when_figures import when, when_kinds, when_more
 from sparse_coord_ros.studies.standings import standings
 from sparse_coord_ros.studies.store import ConditionResult
 
@@ -465,7 +465,7 @@ DRAWN: Mapping[str, Mapping[str, Draw]] = {
     "crowd": {"crowd": crowd},
     "where": {"where": asked_maps},
     "unseen": {"unseen": unseen},
-    "when": {"when": when, "when_more": when_more},
+    "when": {"when": when, "when_more": when_more, "when_kinds": when_kinds},
     "conditions": {"conditions": swept_figure},
 }
 """What draws each figure, by experiment and file; `conditions` draws any conditions."""

@@ -69,6 +69,7 @@ from sparse_coord_ros.studies.report.when import (
     CQ,
     EDGES,
     FACTORED,
+    KINDS,
     MOST_CELLS,
     interval_name,
     means,
@@ -76,7 +77,7 @@ from sparse_coord_ros.studies.report.when import (
     tightness,
     with_ways_apart,
 )
-from sparse_coord_ros.studies.report.when_figures import LINES, MORE_LINES
+from sparse_coord_ros.studies.report.when_figures import KIND_LINES, LINES, MORE_LINES
 from sparse_coord_ros.studies.standings import ARRIVE, standings
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
@@ -763,15 +764,22 @@ def when(results: Results) -> Section:
     by_cost["line"] = [f"{FACTORED}, cost {cost:g}" for cost in by_cost["cost"]]
     both = pd.concat([averages, means(by_cost)])
     rows: list[dict[str, str]] = []
-    for line in [*LINES, *sorted(by_cost["line"].unique()), *MORE_LINES]:
+    costs = sorted(by_cost["line"].unique())
+    for line in dict.fromkeys([*LINES, *costs, *MORE_LINES, *KIND_LINES]):
         own = both[both["line"] == line]
-        if len(own) and not (rows and line == FACTORED):
+        if len(own):
             rows += _by_ratio(line, own)
     spread = {
         "the loss": tightness(found, "ratio"),
         "the loss, not discounted": tightness(found, "undiscounted"),
         "the possible gain": tightness(found, "worth"),
     }
+    for line in KINDS.values():
+        if line in found["line"].values:
+            spread |= {
+                f"the loss ({line})": tightness(found, "ratio", line),
+                f"the possible gain ({line})": tightness(found, "worth", line),
+            }
     values = {
         "maps": found["scenario"].nunique(),
         "teams": int(found["teams"].sum()),
@@ -794,8 +802,9 @@ def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
         column = interval_name(one["interval"])
         questions = Measure(one["questions"], math.nan, one["questions_error"])
         asked[column] = with_error(questions)
-        error = fixed(100 * one["share_error"], 0)
-        gained[column] = f"{100 * one['share']:.0f} % ({error})"
+        if not math.isnan(one["share"]):
+            error = fixed(100 * one["share_error"], 0)
+            gained[column] = f"{100 * one['share']:.0f} % ({error})"
     rows = [gained] if averages["questions"].isna().all() else [asked, gained]
     teams = int(averages["teams"].sum())
     if teams:

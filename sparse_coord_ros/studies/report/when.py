@@ -36,6 +36,14 @@ NEVER = "Non-coop., never asks"
 LEARNED = {"factored": FACTORED, "coop": COOP, "cq": CQ, "noncoop": NEVER}
 """Lines of the learners of pairs, where each question is answered."""
 
+KINDS = {
+    "together:anywhere": "in one cell, anywhere",
+    "swap": "exchange of cells",
+    "block": "a doorway holds one robot",
+    "block:anywhere": "a cell holds one robot",
+}
+"""Lines of Factored where pairs interact in other ways than in one doorway."""
+
 ALWAYS = "always asks, and pays"
 AVOIDABLE_LINE = "pairs with ways apart"
 """The line of Factored where robots can avoid each other for nothing."""
@@ -54,6 +62,9 @@ WIDTH = 0.35
 
 MOST_CELLS = 30
 """Cells of a map on which the team that always asks is computed: it takes value iteration."""
+
+MOST_SHARE_ERROR = 30.0
+"""A share with a larger error says nothing: on some of its maps there is next to no gap."""
 
 TINY = 1e-6
 """Smaller gaps are rounding."""
@@ -97,6 +108,8 @@ def line_of(result: ConditionResult) -> str:
     robots = len(result.scenario.robots)
     if robots > 2:
         return f"{robots} robots"
+    if result.scenario.interactions in KINDS:
+        return KINDS[result.scenario.interactions]
     chance = chance_of_answer(result.scenario)
     if chance < 1.0:
         return f"{chance:.0%} of questions answered"
@@ -184,7 +197,8 @@ def means(found: pd.DataFrame, x: str = "ratio") -> pd.DataFrame:
 
     Returns:
         A row for each line and interval: `line`, `interval` (its number), x (geometric mean),
-        `conditions`, `maps`, `questions`, `share` (of the pooled gap, in questions), the errors
+        `conditions`, `maps`, `questions`, `share` (of the pooled gap, in questions; NaN where its
+        error exceeds `MOST_SHARE_ERROR`), the errors
         `questions_error` and `share_error` (a bootstrap over maps; NaN of a single one),
         `failed`, `teams`, and `half`.
     """
@@ -208,28 +222,34 @@ def interval_name(number: int) -> str:
     return f"{low:g} to {high:g}"
 
 
-def tightness(found: pd.DataFrame, x: str) -> tuple[float, float]:
-    """Return how far the points of Factored lie from one curve over a column.
+def tightness(found: pd.DataFrame, x: str, line: str = FACTORED) -> tuple[float, float]:
+    """Return how far the points of a line lie from the curve of Factored over a column.
 
-    The curve at a point is the mean of the points of other maps, weighted by their distance: a
-    Gaussian on the logarithm of x. All columns are judged by the same points: those whose ratio
-    lies between the first and the last of the inner `EDGES`, and that have a gap.
+    The curve at a point is the mean of Factored's points of other maps, weighted by their
+    distance: a Gaussian on the logarithm of x. All columns are judged by the same points: those
+    whose ratio lies between the first and the last of the inner `EDGES`, and that have a gap.
+
+    Args:
+        found: points.
+        x: the column.
+        line: whose points; where robots interact in other ways they do not make the curve.
 
     Returns:
         Root mean squares: in questions, and in the share of the gap (-1 where it is less).
     """
-    own = found[(found["line"] == FACTORED) & ~found["avoidable"]]
-    own = own[own["ratio"].between(EDGES[1], EDGES[-2]) & (own["gap"] > TINY)]
-    own = own[own["questions"].notna()]
-    place = np.log(own[x].to_numpy())
-    maps = own["scenario"].to_numpy()
-    weight = np.exp(-0.5 * ((place[:, None] - place) / WIDTH) ** 2)
-    weight = weight * (maps[:, None] != maps)
-    share = (own["gained"] / own["gap"]).clip(lower=-1.0)
+    kept = found[~found["avoidable"] & found["questions"].notna()]
+    kept = kept[kept["ratio"].between(EDGES[1], EDGES[-2]) & (kept["gap"] > TINY)]
+    kept = kept.assign(share=(kept["gained"] / kept["gap"]).clip(lower=-1.0))
+    own = kept[kept["line"] == line]
+    curve = kept[kept["line"] == FACTORED]
+    apart = np.log(own[x].to_numpy())[:, None] - np.log(curve[x].to_numpy())
+    weight = np.exp(-0.5 * (apart / WIDTH) ** 2)
+    weight *= own["scenario"].to_numpy()[:, None] != curve["scenario"].to_numpy()
     rest = []
-    for measure in (own["questions"].to_numpy(), share.to_numpy()):
-        curve = weight @ measure / weight.sum(axis=1)
-        rest.append(float(np.sqrt(np.mean((measure - curve) ** 2))))
+    for measure in ("questions", "share"):
+        expected = weight @ curve[measure].to_numpy() / weight.sum(axis=1)
+        missed = own[measure].to_numpy() - expected
+        rest.append(float(np.sqrt(np.mean(missed**2))))
     return rest[0], rest[1]
 
 
@@ -243,14 +263,15 @@ def _mean(own: pd.DataFrame) -> Row:
     drawn = times @ sums
     asked = drawn[drawn[:, 1] > 0.0]
     questions = asked[:, 0] / asked[:, 1]
-    shares = drawn[:, 2] / drawn[:, 3]
+    share_error = _spread(drawn[:, 2] / drawn[:, 3], maps)
+    said = not share_error > MOST_SHARE_ERROR
     return {
         "conditions": len(own),
         "maps": maps,
         "questions": own["questions"].mean(),
         "questions_error": _spread(questions, maps),
-        "share": own["gained"].sum() / own["gap"].sum(),
-        "share_error": _spread(shares, maps),
+        "share": own["gained"].sum() / own["gap"].sum() if said else np.nan,
+        "share_error": share_error,
         "failed": own["failed"].sum(),
         "teams": own["teams"].sum(),
         "half": own["half"].mean(),

@@ -25,6 +25,7 @@ from sparse_coord_ros.studies.report.when import (
     ALWAYS_PAYS,
     AVOIDABLE_LINE,
     CQ,
+    KINDS,
     NEVER,
     TINY,
     means,
@@ -55,6 +56,15 @@ MORE_LINES: Mapping[str, Style] = {
 }
 """The lines of the second figure."""
 
+KIND_LINES: Mapping[str, Style] = {
+    FACTORED: {**LINES[FACTORED], "label": "in one doorway"},
+    KINDS["together:anywhere"]: {"color": "#56B4E9", "marker": "v", "linestyle": "-."},
+    KINDS["swap"]: {"color": "#009E73", "marker": "o", "linestyle": "-"},
+    KINDS["block"]: {"color": "#E69F00", "marker": "s", "linestyle": "--"},
+    KINDS["block:anywhere"]: {"color": "#D55E00", "marker": "D", "linestyle": ":"},
+}
+"""The lines of the third figure."""
+
 REGIONS = (
     (0.0, LEAST_WORTH, "no need to", "#FFFFFF"),
     (LEAST_WORTH, ALWAYS_PAYS, "ask where it matters", "#F2F2F2"),
@@ -67,8 +77,10 @@ LIMITS = (0.04, 1500.0)
 """Of the axis of ratios."""
 
 LOWEST_SHARE = -0.6
-MOST_QUESTIONS = {"ratio": 4.0, "worth": 5.2}
-"""Ends of the vertical axes: lines leave the panel beyond them."""
+MOST_QUESTIONS = 4.0
+MOST_QUESTIONS_MORE = 5.2
+"""Ends of the vertical axes: lines leave the panel beyond them. The second one is that of larger
+teams, failing answers and other interactions."""
 
 XLABELS = {
     "ratio": "loss of a robot if they ignore each other / cost of a question (log scale)",
@@ -80,7 +92,7 @@ XLABELS = {
 def when(results: Sequence[ConditionResult]) -> Figure:
     """Draw questions and share of the gap against the ratio, for each way to coordinate."""
     found = points(results)
-    figure = _figure(found[~found["avoidable"]], LINES, "ratio")
+    figure = _figure(found[~found["avoidable"]], LINES, "ratio", MOST_QUESTIONS)
     upper, lower = figure.axes
     for axes in (upper, lower):
         _mark_regions(axes)
@@ -94,10 +106,18 @@ def when_more(results: Sequence[ConditionResult]) -> Figure:
     They stand against the worth of the gain, in questions.
     """
     found = points(results)
-    return _figure(with_ways_apart(found), MORE_LINES, "worth")
+    return _figure(with_ways_apart(found), MORE_LINES, "worth", MOST_QUESTIONS_MORE)
 
 
-def _figure(found: pd.DataFrame, lines: Mapping[str, Style], x: str) -> Figure:
+def when_kinds(results: Sequence[ConditionResult]) -> Figure:
+    """Draw pairs that interact in other ways against the ratio, beside those in one doorway."""
+    found = points(results)
+    return _figure(found[~found["avoidable"]], KIND_LINES, "ratio", MOST_QUESTIONS_MORE)
+
+
+def _figure(
+    found: pd.DataFrame, lines: Mapping[str, Style], x: str, most: float
+) -> Figure:
     figure = Drawing(figsize=(8.2, 7.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     own = found[(found["line"] == FACTORED) & (found["gap"] > TINY)]
@@ -109,7 +129,7 @@ def _figure(found: pd.DataFrame, lines: Mapping[str, Style], x: str) -> Figure:
         average = averages[averages["line"] == line]
         _draw(upper, average, x, "questions", line, style)
         _draw(lower, average, x, "share", line, style)
-    upper.set_ylim(-0.1, MOST_QUESTIONS[x])
+    upper.set_ylim(-0.1, most)
     upper.set_ylabel("questions of a robot\nin an episode")
     lower.set_ylim(LOWEST_SHARE, 1.08)
     lower.set_ylabel("share of the gap from\nshortest paths to the optimum")
@@ -137,7 +157,8 @@ def _draw(
     known = average[average[measure].notna()]
     if len(known):
         error = known[f"{measure}_error"].fillna(0.0)
-        axes.errorbar(known[x], known[measure], error, label=line, capsize=2, **style)
+        said = {"label": line, "capsize": 2, **style}
+        axes.errorbar(known[x], known[measure], error, **said)
 
 
 def _mark_regions(axes: Axes) -> None:

@@ -239,7 +239,10 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
 
 @pytest.mark.parametrize(
     ("asking", "said"),
-    [(0.0, " past the doorway. Answer: "), (-99.0, "arrive no robot asks another")],
+    [
+        (0.0, " past the doorway, and goes on if "),
+        (-99.0, "arrive no robot asks another"),
+    ],
 )
 def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
     board = MessageBoard()

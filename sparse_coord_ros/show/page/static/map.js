@@ -44,6 +44,9 @@ export class TeamMap extends View {
     for (const cell of run.map.doorways) {
       this.layer.marks.append(this.square(cell, 3, { class: "doorway", stroke: run.doorway_colour }));
     }
+    for (const cell of run.map.helps) {
+      this.layer.marks.append(this.square(cell, 3, { class: "help", "data-cell": cell }));
+    }
     this.corners("start", "S", 9, 11);
     this.corners("goal", "G", UNIT - 9, -11);
     this.bodies = run.robots.map((robot, k) => svg("g", { class: "robot", "data-robot": k + 1, visibility: "hidden" },
@@ -129,14 +132,25 @@ export class TeamMap extends View {
     this.layer.met.replaceChildren(
       ...frame.together.flatMap((cell) => this.meeting(cell)),
       ...frame.exchanges.flatMap((pair) => this.exchange(pair.map((k) => frame.cells[k]))),
-      ...frame.stopped.map(([k, , cell]) => this.barrier(frame.cells[k], cell)));
+      ...frame.stopped.map(([k, , cell]) => this.barrier(frame.cells[k], cell)),
+      ...this.helping(frame).flatMap((cell) => this.ring(cell, "helped", "✔")));
+  }
+
+  // The help places in which robots help each other in this time step.
+  helping({ cells, after }) {
+    const [before, now] = [cells, after ?? cells].map((own) => this.run.map.helps.filter((cell) => own.includes(cell)));
+    return now.length > 1 && before.length < 2 ? now : [];
   }
 
   // A ring around a cell in which robots miscoordinate, and its sign.
   meeting(cell) {
+    return this.ring(cell, "met", "✖");
+  }
+
+  ring(cell, name, sign) {
     const [x, y] = this.centre(cell);
-    return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: "met" }),
-      svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: "met-sign" }, "✖")];
+    return [svg("circle", { cx: x, cy: y, r: UNIT * 0.6 * this.grown, class: name }),
+      svg("text", { x: x + UNIT * 0.5, y: y - UNIT * 0.5, class: `${name}-sign` }, sign)];
   }
 
   // A ring around both cells that robots exchange, and its sign between them.

@@ -144,6 +144,9 @@ function legend() {
     item("a greedy robot never gets here", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
     item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
+  if (run.map.helps.length) $("legend").append(
+    item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help" })),
+    item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔")));
   if (run.kinds.includes("exchange")) $("legend").append(item("robots exchange cells", svg("text", { x: 30, y: 12, class: "met-sign" }, "⇄")));
   if (run.kinds.includes("stopped")) $("legend").append(item("another robot stops it", svg("path", { d: "M30,3v16", class: "bar-in-the-way" })));
 }

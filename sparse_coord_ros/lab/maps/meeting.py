@@ -1,0 +1,100 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a team on an imported map has anything to coordinate, and where a doorway would help."""
+
+import dataclasses
+from typing import NamedTuple
+
+from sparse_coord_ros.core.game.grid import DOORWAY, GridMap
+from sparse_coord_ros.core.game.interactions import interactions_of, only_together
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.solve.advice import (
+    LEAST_WORTH,
+    Advice,
+    advice,
+    in_questions,
+    loss_of_ignoring,
+)
+from sparse_coord_ros.core.solve.reference import expected_meetings
+from sparse_coord_ros.lab.maps.plan import Place, centre_of
+
+
+class Doorway(NamedTuple):
+    """A cell in which robots would meet if it were a doorway.
+
+    Attributes:
+        cell: its number.
+        lost: what a robot that ignores the others would lose with it, in questions.
+    """
+
+    cell: int
+    lost: float
+
+
+class Prospect(NamedTuple):
+    """What coordination will bring to a team on an imported map.
+
+    Attributes:
+        advice: whether coordination will pay.
+        note: why there is nothing to coordinate, and what to change; empty: there is something.
+        doorway: (x, y) of a cell, in metres, which would give the team something to coordinate if
+            it were a doorway; None: no such cell is known, or none is needed.
+    """
+
+    advice: Advice
+    note: str
+    doorway: Place | None
+
+
+def prospect_of(scenario: Scenario) -> Prospect:
+    """Return what coordination will bring to a team; its map has a place in metres."""
+    expected = advice(scenario)
+    if len(scenario.robots) == 1 or expected.ratio >= LEAST_WORTH:
+        return Prospect(expected, "", None)
+    note = (
+        "nothing to coordinate: shortest paths rarely meet "
+        f"({scenario.interactions}), and lose less than a question costs; "
+    )
+    found = best_doorway(scenario)
+    if found is None:
+        note += "choose starts and goals whose ways cross"
+        return Prospect(expected, note, None)
+    x, y = centre_of(scenario.map, found.cell)
+    place = f"a doorway at {x:.2f},{y:.2f}, where they meet most often,"
+    if found.lost < LEAST_WORTH:
+        note += (
+            f"even {place} would cost less than a question: choose starts and goals whose "
+            "ways cross"
+        )
+        return Prospect(expected, note, None)
+    note += f"{place} would cost each as much as {found.lost:.1f} questions"
+    return Prospect(expected, note, (x, y))
+
+
+def best_doorway(scenario: Scenario) -> Doorway | None:
+    """Return the cell in which robots on shortest paths meet most.
+
+    Starts and goals are left out: a doorway there is in the way of all robots.
+
+    Returns:
+        None if they never meet, or if the scenario's interactions are more than `together`:
+        then the walls matter, and not the doorways alone.
+    """
+    if not only_together(interactions_of(scenario)):
+        return None
+    meetings = expected_meetings(scenario)
+    for robot in scenario.robots:
+        meetings[[robot.start, robot.goal]] = 0.0
+    cell = int(meetings.argmax())
+    if meetings[cell] == 0.0:
+        return None
+    changed = dataclasses.replace(scenario, map=with_doorway(scenario.map, cell))
+    return Doorway(cell, in_questions(loss_of_ignoring(changed), changed))
+
+
+def with_doorway(grid: GridMap, cell: int) -> GridMap:
+    """Return a map in which a cell is a doorway."""
+    row, column = grid.cells[cell]
+    rows = list(grid.rows)
+    rows[row] = rows[row][:column] + DOORWAY + rows[row][column + 1 :]
+    return dataclasses.replace(grid, rows=tuple(rows))
