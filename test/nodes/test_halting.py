@@ -16,7 +16,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltWord
+from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltOrder
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.ros.nodes import halting, ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
@@ -171,17 +171,17 @@ def test_only_a_new_word_of_the_world_counts(bench):
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
     assert observer.call(SetBool, "driver/halt", HALT).success
     for word, halted in [
-        (HaltWord.GO_ON, True),
-        (HaltWord.HALT, True),
-        (HaltWord.GO_ON, False),
-        (HaltWord.NOTHING, False),
-        (HaltWord.HALT, True),
-        (HaltWord.NOTHING, True),
+        (HaltOrder.GO_ON, True),
+        (HaltOrder.HALT, True),
+        (HaltOrder.GO_ON, False),
+        (HaltOrder.NOTHING, False),
+        (HaltOrder.HALT, True),
+        (HaltOrder.NOTHING, True),
     ]:
         goals = NO_GOALS._replace(halt=word)
         driver.hear("goals", convert.goals_message(goals))
         assert driver.halted == halted, word
-    for word in HaltWord:
+    for word in HaltOrder:
         goals = NO_GOALS._replace(halt=word)
         assert convert.read_goals(convert.goals_message(goals)) == goals
     message = convert.goals_message(NO_GOALS)
@@ -208,7 +208,7 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
     before = len(heard)
     bench.spin_until(lambda: len(heard) > before + 2, "said again")
     said = dict(zip(heard[-1].name, heard[-1].position, strict=True))
-    assert said["halt"] == HaltWord.HALT
+    assert said["halt"] == HaltOrder.HALT
     says = observer.create_publisher(Bool, "robot_1/halted", ros_topics.LATCHED_QOS)
     says.publish(Bool(data=True))
     bench.spin_until(

@@ -25,7 +25,7 @@ BEGIN = 1.0
 """Seconds at which simulated time begins. A pose of this time may be older than all goals."""
 
 
-class HaltWord(IntEnum):
+class HaltOrder(IntEnum):
     """The world's last order to all drivers on halting: none so far, halt, or continue."""
 
     NOTHING = 0
@@ -66,7 +66,7 @@ class Goals(NamedTuple):
     place: bool
     since: float
     bodies: tuple[BodyGoal, ...]
-    halt: HaltWord = HaltWord.NOTHING
+    halt: HaltOrder = HaltOrder.NOTHING
 
 
 NO_GOALS = Goals(0, 0, False, BEGIN, ())

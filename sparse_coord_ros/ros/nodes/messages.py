@@ -20,7 +20,7 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
     BodyGoal,
     Goals,
-    HaltWord,
+    HaltOrder,
     Reached,
 )
 from sparse_coord_ros.protocol.wire import (
@@ -100,7 +100,7 @@ class Converter(Messages):
             place=bool(_whole(said, "place", 0, 1)),
             since=_time(said, "since"),
             bodies=tuple(bodies),
-            halt=HaltWord(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltWord))),
+            halt=HaltOrder(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltOrder))),
         )
 
     def reached_message(self, step: int, reached: Reached) -> JointState:

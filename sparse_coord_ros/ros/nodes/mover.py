@@ -25,7 +25,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
-from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltOrder, Reached
 from sparse_coord_ros.protocol.wire import WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -92,7 +92,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         change = self._service_change_state
         change.callback = self.guarded(change.callback, "change_state")
         self.active = self.halted = self.on_duty = False
-        self._word: HaltWord | None = None
+        self._word: HaltOrder | None = None
         self._stood = 0.0
         self._mover: Mover | None = None
         self._step = 0
@@ -283,7 +283,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             return True, "stands"
         return False, "is being stopped: ask again"
 
-    def _hear_word(self, word: HaltWord) -> None:
+    def _hear_word(self, word: HaltOrder) -> None:
         """Obey the world's order on halting; a repeated one has no effect.
 
         The first order that arrives may be old: it lets no body continue.
@@ -292,9 +292,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._word = word
         if word == before:
             return
-        if word == HaltWord.HALT:
+        if word == HaltOrder.HALT:
             self.set_halted(True, "the world")
-        elif word == HaltWord.GO_ON and before is not None:
+        elif word == HaltOrder.GO_ON and before is not None:
             self.set_halted(False, "the world")
 
     def set_halted(self, halted: bool, by: str) -> None:

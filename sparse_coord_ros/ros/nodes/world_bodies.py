@@ -21,7 +21,7 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     BodiesSide,
     BodyWorld,
     Goals,
-    HaltWord,
+    HaltOrder,
     Reached,
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS, Reminder
@@ -63,7 +63,7 @@ class WorldBodies:
         self._reminder = Reminder()
         self._publisher = node.announce(ros_topics.BODY_GOALS)
         self._goals = NO_GOALS
-        self.halt_word = HaltWord.NOTHING
+        self.halt_word = HaltOrder.NOTHING
         self._stands = dict.fromkeys(self._names, False)
         self._subscriptions = []
         for k, name in enumerate(self._names):
@@ -93,11 +93,11 @@ class WorldBodies:
     @property
     def halted(self) -> bool:
         """True if all bodies have the order to halt."""
-        return self.halt_word == HaltWord.HALT
+        return self.halt_word == HaltOrder.HALT
 
     def halt(self, hold: bool) -> None:
         """Order all bodies to halt, or to continue."""
-        self.halt_word = HaltWord.HALT if hold else HaltWord.GO_ON
+        self.halt_word = HaltOrder.HALT if hold else HaltOrder.GO_ON
         self._say_goals()
 
     def say_halt_again(self, now: float) -> None:
