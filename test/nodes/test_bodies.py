@@ -28,7 +28,7 @@ from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.log.runlog import verify
-from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.ros.nodes import mover
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
@@ -302,8 +302,8 @@ def test_goals_and_reports_travel(own_domain):
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
     assert convert.read_goals(convert.goals_message(goals)) == goals
     for reached in (
-        Reached(0, 3, 5, True, 1.25, 0.0),
-        Reached(0, 3, -1, False, 9.0, 0.0),
+        GoalReport(0, 3, 5, True, 1.25, 0.0),
+        GoalReport(0, 3, -1, False, 9.0, 0.0),
     ):
         assert convert.read_reached(0, convert.reached_message(17, reached)) == reached
 

@@ -24,7 +24,7 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import ACTION, REWARD, ClaimRank, SelfReport
 from sparse_coord_ros.protocol.wire.messages import markers_form
 from sparse_coord_ros.protocol.wire.status import (
@@ -320,7 +320,7 @@ def goals(changes, *, since=0.0):
 
 def reached(changes):
     convert = converter()
-    message = convert.reached_message(1, Reached(0, 3, 5, True, 1.25, 0.0))
+    message = convert.reached_message(1, GoalReport(0, 3, 5, True, 1.25, 0.0))
     for label, value in changes.items():
         message.position[list(message.name).index(label)] = value
     return convert.read_reached(0, message)

@@ -7,7 +7,7 @@ import math
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import SLACK, GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
-from sparse_coord_ros.protocol.lockstep.bodies import Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals
 
 ASTRAY = 0.25
 """Share of a cell that a body may be off the line to its next place before it goes back to it."""
@@ -44,7 +44,7 @@ class Driver(Mover):
         super().begin_again()
         self._answered = math.nan
 
-    def next(self) -> tuple[Command | None, Reached | None]:
+    def next(self) -> tuple[Command | None, GoalReport | None]:
         """Return the command for the body now, and the end of its goal if it has ended.
 
         None for both where there is nothing to do, or nothing new was seen since. Where the same
@@ -62,7 +62,7 @@ class Driver(Mover):
         self._answered = state.stamp
         return self._steered(state)
 
-    def _steered(self, state: GoalState) -> tuple[Command, Reached | None]:
+    def _steered(self, state: GoalState) -> tuple[Command, GoalReport | None]:
         """Steer to the next place of the way; stop where it ends, or when time is over."""
         if self._began is None:
             self._began = state.stamp

@@ -11,8 +11,8 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
     NO_GOALS,
     BodyGoal,
+    GoalReport,
     Goals,
-    Reached,
 )
 
 SLACK = 1e-6
@@ -68,7 +68,7 @@ class Mover:
         self._goals = NO_GOALS
         self._goal: BodyGoal | None = None
         self._began: float | None = None
-        self._ended: Reached | None = None
+        self._ended: GoalReport | None = None
         self._stamp = self.heard = math.nan
         self._repeats = 0
         self._since_goals = 0
@@ -137,7 +137,7 @@ class Mover:
             self._other_clock = True
         return self._other_clock and older > BACK
 
-    def _placed(self, state: GoalState) -> Reached | None:
+    def _placed(self, state: GoalState) -> GoalReport | None:
         """Say that the body is where it was to be put; None while it is not."""
         close = distance(state.pose, state.target) <= self._metric_map.side / 2
         there = close or self._metric_map.inside(
@@ -145,12 +145,12 @@ class Mover:
         )
         return self._end(state, there=True) if there else None
 
-    def _end(self, state: GoalState, *, there: bool) -> Reached:
+    def _end(self, state: GoalState, *, there: bool) -> GoalReport:
         cell = self._metric_map.cell(state.pose.x, state.pose.y)
         took = 0.0 if self._began is None else round(state.stamp - self._began, 9)
         where = NO_CELL if cell is None else cell
         self._goal = None
-        self._ended = Reached(
+        self._ended = GoalReport(
             self._robot, state.goals.number, where, there, took, state.stamp
         )
         return self._ended

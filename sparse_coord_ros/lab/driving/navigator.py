@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import distance
-from sparse_coord_ros.protocol.lockstep.bodies import Reached
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport
 
 SETTLE_SECONDS = 1.0
 """How long a newer pose is waited for: some localisations are silent where a body stands."""
@@ -203,7 +203,7 @@ class Navigator(Mover):
         else:
             self._over = now, self._stamp
 
-    def next(self, now: float) -> Reached | None:
+    def next(self, now: float) -> GoalReport | None:
         """Do the work that is due; return the end of the goal if it has ended."""
         self._watch(now)
         self._take_new_goals(now)
@@ -250,7 +250,7 @@ class Navigator(Mover):
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
 
-    def _arrives(self, state: GoalState) -> Reached | None:
+    def _arrives(self, state: GoalState) -> GoalReport | None:
         """Return the end of the goal if the body is there, regardless of the server; else None."""
         if state.goals.place:
             return self._placed(state)
@@ -259,7 +259,7 @@ class Navigator(Mover):
 
     def _settles(
         self, state: GoalState, since: float, before: float, now: float
-    ) -> Reached | None:
+    ) -> GoalReport | None:
         """Return the end of a move that is over, once the server and a newer pose confirm it.
 
         Args:

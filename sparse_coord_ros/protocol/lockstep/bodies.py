@@ -73,7 +73,7 @@ NO_GOALS = Goals(0, 0, False, BEGIN, ())
 """The goals of bodies before the first real ones, which have the number 1."""
 
 
-class Reached(NamedTuple):
+class GoalReport(NamedTuple):
     """The end of one body's goal.
 
     Attributes:
@@ -209,7 +209,7 @@ class BodiesSide:
         self._go_on()
         return not self._under_way
 
-    def reached(self, said: Reached) -> bool:
+    def reached(self, said: GoalReport) -> bool:
         """Note a body's report; return whether the world may continue."""
         goal = self._under_way.get(said.robot)
         if goal is None or said.number != self._number:

@@ -23,7 +23,7 @@ from sparse_coord_ros.lab.driving.body_simulator import (
 from sparse_coord_ros.lab.driving.steering import Command
 from sparse_coord_ros.lab.driving.transforms import parent_of
 from sparse_coord_ros.lab.driving.trials import simulator_of
-from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
@@ -113,7 +113,7 @@ class BodyNode(Follower):
         elif self.simulator.told(robot, command):
             self._say(look=True)
 
-    def _on_reached(self, reached: Reached) -> None:
+    def _on_reached(self, reached: GoalReport) -> None:
         if self.values["body_rate"] == 0 and self.simulator.reached(
             reached.robot, reached.number
         ):

@@ -19,9 +19,9 @@ from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
     BodyGoal,
+    GoalReport,
     Goals,
     HaltOrder,
-    Reached,
 )
 from sparse_coord_ros.protocol.wire import (
     BODY_GOALS,
@@ -103,13 +103,13 @@ class Converter(Messages):
             halt=HaltOrder(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltOrder))),
         )
 
-    def reached_message(self, step: int, reached: Reached) -> JointState:
+    def reached_message(self, step: int, reached: GoalReport) -> JointState:
         """Return a driver's report as a message."""
         labels = list(REACHED.labels)
         numbers = list(map(float, reached[1:]))
         return JointState(header=self.header(step), name=labels, position=numbers)
 
-    def read_reached(self, robot: int, message: JointState) -> Reached:
+    def read_reached(self, robot: int, message: JointState) -> GoalReport:
         """Return the report of a robot's driver.
 
         Raises:
@@ -119,7 +119,7 @@ class Converter(Messages):
         number = _whole(said, "number", 1, 2**53)
         cell = _whole(said, "cell", NO_CELL, len(self.grid.cells) - 1)
         times = (_time(said, label) for label in REACHED.labels[-2:])
-        return Reached(robot, number, cell, said.get("there") == 1.0, *times)
+        return GoalReport(robot, number, cell, said.get("there") == 1.0, *times)
 
 
 def map_header(stamp: tuple[int, int]) -> Header:

@@ -25,7 +25,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
-from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltOrder, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals, HaltOrder
 from sparse_coord_ros.protocol.wire import WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -212,7 +212,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             if self.may_drive:
                 self.drive()
 
-    def report_reached(self, reached: Reached) -> None:
+    def report_reached(self, reached: GoalReport) -> None:
         """Publish how a goal ended."""
         message = self._convert.reached_message(self._step, reached)
         self._reached_publisher.publish(message)

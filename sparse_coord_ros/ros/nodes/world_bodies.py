@@ -20,9 +20,9 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_GOALS,
     BodiesSide,
     BodyWorld,
+    GoalReport,
     Goals,
     HaltOrder,
-    Reached,
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS, Reminder
 from sparse_coord_ros.ros.nodes import ros_topics
@@ -159,7 +159,7 @@ class WorldBodies:
         seconds = round(self.side.seconds, 3)
         return {"moves_failed": failed, "bodies_lost": lost, "body_seconds": seconds}
 
-    def _on_reached(self, reached: Reached) -> None:
+    def _on_reached(self, reached: GoalReport) -> None:
         self._heard = time.monotonic()
         if self.side.reached(reached):
             self._there()
