@@ -47,7 +47,7 @@ class Noise(NamedTuple):
     pose: float = 0.01
 
 
-class Touch(NamedTuple):
+class Collision(NamedTuple):
     """Two bodies began to touch.
 
     Attributes:
@@ -174,7 +174,7 @@ class BodySimulator:
         self.period = period
         self.bodies = [Body(metric_map, noise, seed, k) for k in range(count)]
         self.ticks = self._number = 0
-        self.touches: list[Touch] = []
+        self.touches: list[Collision] = []
         self._under_way: set[int] = set()
         self._told: dict[int, Command] = {}
         self._touching: set[tuple[int, int]] = set()
@@ -259,7 +259,7 @@ class BodySimulator:
             )
             where = IN_DOORWAY if inside else ELSEWHERE
             self.touches.append(
-                Touch(self.seconds, pair, where, ((x + x2) / 2, (y + y2) / 2))
+                Collision(self.seconds, pair, where, ((x + x2) / 2, (y + y2) / 2))
             )
         self._touching = now
 
