@@ -88,7 +88,7 @@ class WorldCheck:
         self.lost_copies: Counter[str] = Counter()
         self.starts: list[int] = []
         self.went_on = False
-        self.reasons: tuple[str, ...] = (wire.Began.START,)
+        self.reasons: tuple[str, ...] = (wire.EpisodeStart.START,)
         if interval.start is not None:
             self._go_on_from(interval.start)
         self.first = next(self._made_again(), None)
@@ -104,7 +104,7 @@ class WorldCheck:
         """Continue from a checkpoint."""
         self.left_out = start.left_out
         self.world.go_on_from(start.position)
-        self.reasons = tuple(wire.Began)
+        self.reasons = tuple(wire.EpisodeStart)
         if start.position.under_way:
             self.starts = [start.position.episode_start]
             self.went_on = True
@@ -168,10 +168,10 @@ class WorldCheck:
     def _reasons(self) -> tuple[str, ...]:
         """Return the possible reasons for the end of the world's episode."""
         if not self.world.episode_over:
-            return wire.Began.RESET, wire.Began.NOBODY_LEFT
+            return wire.EpisodeStart.RESET, wire.EpisodeStart.NOBODY_LEFT
         if all(self.world.arrived):
-            return (wire.Began.ARRIVED,)
-        return (wire.Began.STEPS,)
+            return (wire.EpisodeStart.ARRIVED,)
+        return (wire.EpisodeStart.STEPS,)
 
     def _states(self, step: int) -> Iterator[Difference]:
         """Compare the robots' states with the world's."""
