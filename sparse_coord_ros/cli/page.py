@@ -92,7 +92,7 @@ class Closing:
         return now >= self._deadline
 
 
-class Wishes(Controlled):
+class RunChoice(Controlled):
     """The source between two runs: hears which run is wanted next."""
 
     next: Mapping[str, Any] | None = None
@@ -160,7 +160,7 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
     Raises:
         KeyboardInterrupt: on Ctrl-C, or where `stop` says so.
     """
-    wishes = Wishes()
+    wishes = RunChoice()
     server.board.source = wishes
     note(
         f"the run is over; the page stays at {server.address}: start the next run there, or end "
