@@ -61,14 +61,14 @@ class RoutePlan:
     one_at_a_time: bool
 
 
-class Ways(NamedTuple):
+class TeamPlan(NamedTuple):
     """The part of a plan that the search changes; attributes as of `RoutePlan`."""
 
     order: tuple[int, ...]
     avoided: tuple[frozenset[int], ...]
     one_at_a_time: bool = False
 
-    def changes(self, doorways: Sequence[int]) -> Iterator["Ways"]:
+    def changes(self, doorways: Sequence[int]) -> Iterator["TeamPlan"]:
         """Yield what differs in one thing: two places in the order, one doorway of one robot."""
         yield self._replace(one_at_a_time=not self.one_at_a_time)
         for j, own in enumerate(self.order):
@@ -129,12 +129,12 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
     team = len(scenario.robots)
     doorways = sorted(scenario.map.doorways)
-    found: list[tuple[float, Ways]] = []
+    found: list[tuple[float, TeamPlan]] = []
     for restart in range(restarts):
         rng = np.random.default_rng([seed, restart])
         draws = rng.random((SEARCHED, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
-        ways = Ways(tuple(order), (frozenset(),) * team)
+        ways = TeamPlan(tuple(order), (frozenset(),) * team)
         best = float(returns_of(scenario, ways, draws).mean())
         better = True
         while better:
@@ -164,7 +164,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
 
 
-def returns_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
+def returns_of(scenario: Scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndarray:
     """Play trials of a plan; return the team's mean return in each.
 
     Args:
