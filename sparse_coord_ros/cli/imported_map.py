@@ -178,5 +178,5 @@ def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
         k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in values
     }
     data = {"map": f"{scenario.map.name}.txt", "robots": robots, **plain, **suggested}
-    head = "# ImportedMap by import-map; robots' places are [row, column] of the map beside this file.\n"
+    head = "# Made by import-map; robots' places are [row, column] of the map beside this file.\n"
     return head + to_yaml(data, default_flow_style=None)
