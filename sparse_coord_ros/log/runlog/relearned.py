@@ -28,7 +28,7 @@ TablesThen = dict[int, tuple[int, Tables]]
 """By robot: a time step, and its tables with the learning up to it."""
 
 
-class Asked(NamedTuple):
+class AskedQuestion(NamedTuple):
     """A question and its percept.
 
     Attributes:
@@ -135,7 +135,7 @@ class Relearned:
     def reasons(
         self,
         step: int,
-        asked: Sequence[Asked],
+        asked: Sequence[AskedQuestion],
         still: Callable[[], bool] = lambda: True,
     ) -> list[Reason] | None:
         """Return the reasons for the moves of robots that ask at a time step.
@@ -243,7 +243,7 @@ class Relearned:
         return saved
 
 
-def _reason(agent: Agent, step: int, asked: Asked) -> Reason:
+def _reason(agent: Agent, step: int, asked: AskedQuestion) -> Reason:
     """Return the reason for the move of an agent that asked."""
     values = agent.values_asking(asked.cell, asked.perceived)
     move = agent.move_if_it_waits(step, asked.cell, asked.perceived)

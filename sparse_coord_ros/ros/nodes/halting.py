@@ -30,7 +30,7 @@ was killed stays in the graph for so long."""
 
 
 @dataclass
-class Asked:
+class HaltRequest:
     """A node that gets requests to halt.
 
     Attributes:
@@ -89,7 +89,7 @@ class Halting:
         self._prefix = f"/{space}/" if space else "/"
         self._looked = self._since = 0.0
         self.hold = self.asking = False
-        self.asked: dict[str, Asked] = {}
+        self.asked: dict[str, HaltRequest] = {}
 
     def ask(self, hold: bool, now: float) -> None:
         """Ask all nodes to halt, or to continue, also nodes that are found later.
@@ -156,6 +156,6 @@ class Halting:
                 found.add(name)
         for name in found - self.asked.keys():
             client = self._node.create_client(SetBool, f"{self._prefix}{name}{ending}")
-            self.asked[name] = Asked(client, done=not self.asking)
+            self.asked[name] = HaltRequest(client, done=not self.asking)
         for name in self.asked.keys() - found:
             self._node.destroy_client(self.asked.pop(name).client)
