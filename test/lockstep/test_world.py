@@ -8,7 +8,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire import EpisodeStart
+from sparse_coord_ros.protocol.wire import StartReason
 
 EAST = Action(2, False, -1, False)
 WEST = Action(3, False, -1, False)
@@ -294,21 +294,21 @@ def test_it_counts_whom_it_leaves_out_at_each_step(world):
 
 def test_it_says_why_an_episode_began():
     world, _ = make_world(max_steps=2)
-    assert world.began == EpisodeStart.START
+    assert world.began == StartReason.START
     play(world, DOWN, DOWN)
     play(world, DOWN, DOWN)
-    assert world.began == EpisodeStart.STEPS
+    assert world.began == StartReason.STEPS
     world.new_episode()
-    assert world.began == EpisodeStart.RESET
+    assert world.began == StartReason.RESET
     beside, _ = make_world()
     arrive(beside)
     beside.expire()
-    assert beside.began == EpisodeStart.NOBODY_LEFT
+    assert beside.began == StartReason.NOBODY_LEFT
     together, _ = make_world()
     together.world.arrived = [False, True]
     together.world.cells = [19, 17]
     play(together, EAST)
-    assert together.began == EpisodeStart.ARRIVED
+    assert together.began == StartReason.ARRIVED
 
 
 def test_it_goes_on_where_another_one_was(world):
@@ -343,7 +343,7 @@ def test_a_later_beginning_leaves_out_what_was_done_since(world):
         28,
         1,
     )
-    assert (world.began, world.lost) == (EpisodeStart.RESET, 28)
+    assert (world.began, world.lost) == (StartReason.RESET, 28)
     world.go_on_from(world.snapshot())
     world.begin_at(41, 36)
     assert world.lost == 36, "those of both restarts"

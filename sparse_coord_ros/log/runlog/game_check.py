@@ -88,7 +88,7 @@ class WorldCheck:
         self.lost_copies: Counter[str] = Counter()
         self.starts: list[int] = []
         self.went_on = False
-        self.reasons: tuple[str, ...] = (wire.EpisodeStart.START,)
+        self.reasons: tuple[str, ...] = (wire.StartReason.START,)
         if interval.start is not None:
             self._go_on_from(interval.start)
         self.first = next(self._made_again(), None)
@@ -104,7 +104,7 @@ class WorldCheck:
         """Continue from a checkpoint."""
         self.left_out = start.left_out
         self.world.go_on_from(start.position)
-        self.reasons = tuple(wire.EpisodeStart)
+        self.reasons = tuple(wire.StartReason)
         if start.position.under_way:
             self.starts = [start.position.episode_start]
             self.went_on = True
@@ -168,10 +168,10 @@ class WorldCheck:
     def _reasons(self) -> tuple[str, ...]:
         """Return the possible reasons for the end of the world's episode."""
         if not self.world.episode_over:
-            return wire.EpisodeStart.RESET, wire.EpisodeStart.NOBODY_LEFT
+            return wire.StartReason.RESET, wire.StartReason.NOBODY_LEFT
         if all(self.world.arrived):
-            return (wire.EpisodeStart.ARRIVED,)
-        return (wire.EpisodeStart.STEPS,)
+            return (wire.StartReason.ARRIVED,)
+        return (wire.StartReason.STEPS,)
 
     def _states(self, step: int) -> Iterator[Difference]:
         """Compare the robots' states with the world's."""

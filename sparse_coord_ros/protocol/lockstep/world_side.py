@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.world import Action, Position, Reward, World
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.protocol.wire import EpisodeStart
+from sparse_coord_ros.protocol.wire import StartReason
 
 
 class WorldPort(Protocol):
@@ -67,7 +67,7 @@ class WorldSide:
         timeouts: number of missed deadlines of robots.
         left_out: number of (robot, step) pairs: transitions without the robot's action although it
             had not arrived.
-        began: why the episode began, a `EpisodeStart`.
+        began: why the episode began, a `StartReason`.
         stale: actions that came too late, or twice.
         lost: transitions that count in the budget, but are not in the history.
         absent: robots that missed a deadline and have not acted since: the world does not wait for
@@ -82,7 +82,7 @@ class WorldSide:
     ) -> None:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
         self.timeouts = self.left_out = self.stale = self.lost = 0
-        self.began: str = EpisodeStart.START
+        self.began: str = StartReason.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
         self.watcher: Callable[[TeamTransition], None] | None = None
@@ -113,7 +113,7 @@ class WorldSide:
         anew = world.position()._replace(step=step, under_way=False, episode_start=step)
         world.go_on_from(anew._replace(transitions=done))
         world.episode = episode + 1
-        self.began = EpisodeStart.RESET
+        self.began = StartReason.RESET
         self._begins = True
         self.lost += lost
 
@@ -223,12 +223,12 @@ class WorldSide:
         if not self.finished:
             if outcome.episode_over:
                 self._begin_episode(
-                    EpisodeStart.ARRIVED
+                    StartReason.ARRIVED
                     if all(self.world.arrived)
-                    else EpisodeStart.STEPS
+                    else StartReason.STEPS
                 )
             elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
-                self._begin_episode(EpisodeStart.NOBODY_LEFT)
+                self._begin_episode(StartReason.NOBODY_LEFT)
         self._save_where_due(step, reached, self.world.step)
 
     def _begin_step(self) -> None:
@@ -236,7 +236,7 @@ class WorldSide:
         self._actions: list[Action | None] = [None] * len(self._robots)
         self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
 
-    def new_episode(self, began: str = EpisodeStart.RESET) -> None:
+    def new_episode(self, began: str = StartReason.RESET) -> None:
         """Start an episode, for a reason; actions that wait at the barrier are dropped."""
         before = self.world.step
         self._begin_episode(began)
@@ -263,7 +263,7 @@ class WorldSide:
         if self.complete:
             self.advance()
         else:
-            self.new_episode(EpisodeStart.NOBODY_LEFT)
+            self.new_episode(StartReason.NOBODY_LEFT)
         return missing
 
     def repeat(self) -> None:

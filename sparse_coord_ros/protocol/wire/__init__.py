@@ -305,7 +305,7 @@ OVER = (RunState.FINISHED, RunState.STOPPED)
 """The states after which a world publishes no other."""
 
 
-class EpisodeStart(StrEnum):
+class StartReason(StrEnum):
     """Why an episode began, in `status`.
 
     It is the run's first; all robots had arrived; `max_steps` were used up; a user requested it;

@@ -42,7 +42,7 @@ class RunStatus(NamedTuple):
         transitions: number of transitions made.
         left_out: number of (robot, step) pairs: transitions without the robot's action although it
             had not arrived.
-        began: why the episode began, a `EpisodeStart`.
+        began: why the episode began, a `StartReason`.
         order: the current order to go back to a checkpoint: the value `rollback`.
     """
 
