@@ -58,7 +58,7 @@ NOT_SEEN = "not seen"
 """The verdicts on an obligation; the last: the robot never came into a case of it."""
 
 
-class Judged(NamedTuple):
+class ObligationResult(NamedTuple):
     """One obligation, and how the robot kept it.
 
     Attributes:
@@ -476,12 +476,14 @@ class ScriptedWorld(WorldTopics):
         self.wait(lambda: not self._ended(), END_SECONDS)
         self.expect(what, not self._ended(), self._ended())
 
-    def judged(self) -> Iterator[Judged]:
+    def judged(self) -> Iterator[ObligationResult]:
         """Yield how each obligation was kept."""
         for name, (place, text, _) in OBLIGATIONS.items():
             broken = self.broken.get(name, "")
             kept = KEPT if name in self.seen else NOT_SEEN
-            yield Judged(name, text, BROKEN if broken else kept, broken, place)
+            yield ObligationResult(
+                name, text, BROKEN if broken else kept, broken, place
+            )
 
 
 BEGIN = "when-a-world-begins"
@@ -574,7 +576,7 @@ def judge(
     scenario: str = "env1",
     namespace: str = "",
     checkpoints: bool = False,
-) -> list[Judged]:
+) -> list[ObligationResult]:
     """Judge a robot, and return how it kept each obligation.
 
     Args:
