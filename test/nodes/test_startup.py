@@ -21,7 +21,7 @@ from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import ClaimRank
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.guard import Claim
+from sparse_coord_ros.ros.nodes.guard import NameClaim
 from sparse_coord_ros.ros.nodes.robot import Member
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -112,13 +112,13 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
 @pytest.mark.parametrize("rank", [ClaimRank.STARTING, ClaimRank.HOLDING])
 def test_of_two_nodes_of_a_name_one_ends(rank):
     """Who has come less far; of two that are equally far, who has the higher identity."""
-    low = Claim("1", rank)
-    high = Claim("2", rank)
+    low = NameClaim("1", rank)
+    high = NameClaim("2", rank)
     assert high.yields_to(low) and not low.yields_to(high)
-    further = Claim("3", rank + 1)
+    further = NameClaim("3", rank + 1)
     assert low.yields_to(further) and not further.yields_to(low)
-    joined = Claim("2", ClaimRank.JOINED)
-    assert not joined.yields_to(Claim("1", ClaimRank.JOINED)), (
+    joined = NameClaim("2", ClaimRank.JOINED)
+    assert not joined.yields_to(NameClaim("1", ClaimRank.JOINED)), (
         "nobody leaves a run for another"
     )
 

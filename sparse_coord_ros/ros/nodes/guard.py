@@ -42,20 +42,20 @@ def in_words(names: Sequence[str], who: str) -> str:
     return f"{said}: stop the others (a node that was killed is forgotten after 20 s)"
 
 
-class Claim(NamedTuple):
+class NameClaim(NamedTuple):
     """A node's claim to its name: its identity, and its stage."""
 
     id: str
     rank: ClaimRank
 
-    def yields_to(self, other: "Claim") -> bool:
+    def yields_to(self, other: "NameClaim") -> bool:
         """Return whether this node ends because of another one of its name."""
         if self.rank == ClaimRank.JOINED:
             return False
         return (other.rank, self.id) > (self.rank, other.id)
 
 
-def read_claim(header: Any) -> Claim:
+def read_claim(header: Any) -> NameClaim:
     """Return the claim in a message.
 
     Raises:
@@ -64,7 +64,7 @@ def read_claim(header: Any) -> Claim:
     identity, _, rank = header.frame_id.partition(" ")
     if not identity or rank.upper() not in ClaimRank.__members__:
         raise ValueError(f"has the frame_id {header.frame_id!r}, which is not a claim")
-    return Claim(identity, ClaimRank[rank.upper()])
+    return NameClaim(identity, ClaimRank[rank.upper()])
 
 
 def owners(node: Node, name: str, *, service: bool) -> list[str]:
@@ -100,7 +100,7 @@ class Guard:
 
     def __init__(self, node: ParameterNode) -> None:
         self._node = node
-        self.claim = Claim(uuid.uuid4().hex, ClaimRank.STARTING)
+        self.claim = NameClaim(uuid.uuid4().hex, ClaimRank.STARTING)
         self.doubled: set[str] = set()
         self._since = divmod(time.time_ns(), 1_000_000_000)
         self._warned = False
@@ -159,7 +159,7 @@ class Guard:
         header.stamp.sec, header.stamp.nanosec = self._since
         self._publisher.publish(header)
 
-    def _on_claim(self, other: Claim) -> None:
+    def _on_claim(self, other: NameClaim) -> None:
         name = self._node.get_fully_qualified_name()
         if other.id == self.claim.id:
             return
