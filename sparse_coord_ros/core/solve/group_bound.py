@@ -31,7 +31,7 @@ from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import check_only_together
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
-from sparse_coord_ros.core.solve.optimum import payment, successors, worth_alone
+from sparse_coord_ros.core.solve.optimum import payment, successors, value_alone
 
 TOLERANCE = 1e-5
 """Where all values fall by less in a sweep, it is the last one."""
@@ -288,7 +288,7 @@ def _alone(scenario: Scenario) -> np.ndarray:
     """Return the value of each robot alone in each cell, arrived robots too; (robots, cells)."""
     goals = [robot.goal for robot in scenario.robots]
     far = np.array([scenario.map.distances_to(goal) for goal in goals])
-    values = worth_alone(scenario, far)
+    values = value_alone(scenario, far)
     values[np.arange(len(goals)), goals] = scenario.goal_reward / (
         1 - scenario.discount
     )

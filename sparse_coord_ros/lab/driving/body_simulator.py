@@ -48,12 +48,12 @@ class Noise(NamedTuple):
 
 
 class Collision(NamedTuple):
-    """Two bodies began to touch.
+    """The beginning of a collision of two bodies.
 
     Attributes:
-        seconds: when.
-        robots: which, from 0.
-        where: `IN_DOORWAY` where one of their middles is in a doorway, else `ELSEWHERE`.
+        seconds: its time.
+        robots: the two robots, from 0.
+        where: `IN_DOORWAY` if the centre of one body is in a doorway, else `ELSEWHERE`.
         place: (x, y) between them.
     """
 
