@@ -9,7 +9,7 @@ from sparse_coord_ros.core.game.grid import DOORWAY, GridMap
 from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.advice import (
-    LEAST_WORTH,
+    LEAST_RELATIVE_GAIN,
     Advice,
     advice,
     in_questions,
@@ -49,7 +49,7 @@ class Prospect(NamedTuple):
 def prospect_of(scenario: Scenario) -> Prospect:
     """Return what coordination will bring to a team; its map has a place in metres."""
     expected = advice(scenario)
-    if len(scenario.robots) == 1 or expected.ratio >= LEAST_WORTH:
+    if len(scenario.robots) == 1 or expected.ratio >= LEAST_RELATIVE_GAIN:
         return Prospect(expected, "", None)
     note = (
         "nothing to coordinate: shortest paths rarely meet "
@@ -61,7 +61,7 @@ def prospect_of(scenario: Scenario) -> Prospect:
         return Prospect(expected, note, None)
     x, y = centre_of(scenario.map, found.cell)
     place = f"a doorway at {x:.2f},{y:.2f}, where they meet most often,"
-    if found.lost < LEAST_WORTH:
+    if found.lost < LEAST_RELATIVE_GAIN:
         note += (
             f"even {place} would cost less than a question: choose starts and goals whose "
             "ways cross"
