@@ -24,8 +24,8 @@ from sparse_coord_ros.core.engine.training import (
     EVERY_TRIALS,
     Watcher,
     engine_for,
+    pays_to_compile,
     train,
-    worth_compiling,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
@@ -236,7 +236,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     if options.json:
         return engine
     missed = options.engine == "auto" and not has_numba()
-    if missed and worth_compiling(run.scenario, run.rule):
+    if missed and pays_to_compile(run.scenario, run.rule):
         note_without_numba()
     return engine
 
