@@ -87,7 +87,7 @@ class Factored(Learner):
     )
     leaves = True
     values = ("q_star", "value", "u", "alone", "r_bar", "w", "rho")
-    scratch = ("correction", "found", "there", "blame")
+    scratch = ("correction", "found", "there", "obstruction")
 
     class Mind(NamedTuple):
         """The learned tables of a robot; x is a cell, b a move.
@@ -116,7 +116,7 @@ class Factored(Learner):
             correction: space for Q^C(x, z, .) - U(x, .) [b].
             found: space for the rows that it adds up to [robot].
             there: space for the value of the second of two questions where each move leads [b].
-            blame: space for the degree to which each robot is in the way there [b][robot].
+            obstruction: space for the degree to which each robot is in the way there [b][robot].
         """
 
         q_star: Any
@@ -140,7 +140,7 @@ class Factored(Learner):
         correction: Any
         found: Any
         there: Any
-        blame: Any
+        obstruction: Any
 
     # A team.
 
@@ -264,7 +264,7 @@ class Factored(Learner):
             correction=np.zeros(PRIMITIVES),
             found=np.zeros(team, dtype=np.int64),
             there=np.zeros(PRIMITIVES),
-            blame=np.zeros((PRIMITIVES, team)),
+            obstruction=np.zeros((PRIMITIVES, team)),
         )
 
     @staticmethod
@@ -828,7 +828,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
     """Set the value of a second question where a move leads, and the peers in the way there.
 
     Args:
-        mind: the robot's mind; `there` and `blame` are set.
+        mind: the robot's mind; `there` and `obstruction` are set.
         task: the robot's task.
         now: the step with the second question.
         first: the cell of the first question.
@@ -838,7 +838,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
     known = mind.moved[first][b] > 0 and s != task.goal
     mind.there[b] = 0.0
     for peer in range(task.robots):
-        mind.blame[b][peer] = 0.0
+        mind.obstruction[b][peer] = 0.0
     if not known:
         return
     correct(mind, task, s, now.seen, now.cells)
@@ -848,7 +848,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
         for peer in range(task.robots):
             row = mind.found[peer]
             if row != NO_ROW:
-                mind.blame[b][peer] = min(0.0, mind.rho.values[row][best])
+                mind.obstruction[b][peer] = min(0.0, mind.rho.values[row][best])
 
 
 @inlined
@@ -939,10 +939,10 @@ def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
     some = 0.0
     whole = 0.0
     for j in range(task.robots):
-        whole += mind.blame[b][j]
+        whole += mind.obstruction[b][j]
         if (peers >> j) & 1:
             count += 1
-            some += mind.blame[b][j]
+            some += mind.obstruction[b][j]
     return some / whole if whole < 0.0 else count / (task.robots - 1)
 
 
