@@ -57,13 +57,13 @@ GOLDEN = 0.6180339887498949
 """Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
 
 STOP = 0.5
-"""What a stop counts, as a share of what arrival is worth. It costs one step, but robots that stop
+"""The weight of a stop, as a share of the value of an arrival. It costs one step, but robots that stop
 each other may stand for ever: by that step alone most teams in a lane do."""
 
 LEAVE = Spec("leave", (0.5, 0.25))
 """How robots of a team of more than two leave a stand-off, unless another way was chosen."""
 
-LEAST_WORTH = 0.36
+LEAST_VALUE_SHARE = 0.36
 """The least value of a cell in a team of more than two, as a share of a lone robot's."""
 
 
@@ -200,7 +200,7 @@ class Factored(Learner):
             if not np.isin(memory[name], [0.0, felt, with_help]).all():
                 raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
         best = memory["q_star"].max(axis=1)
-        kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
+        kept = np.maximum(best, LEAST_VALUE_SHARE * memory["alone"].max(axis=1))
         value = memory["value"]
         if ((value != best) & (value != kept)).any():
             raise ValueError("value is not the maximum of q_star")
@@ -368,14 +368,14 @@ class Factored(Learner):
         return here
 
     @staticmethod
-    def worth(mind: Mind, task: Task, cell: int) -> float:
+    def cell_value(mind: Mind, task: Task, cell: int) -> float:
         """Return max_b Q*(cell, b); in a larger team at least a share of a lone robot's.
 
         There r^C counts so often that the values of a room could fall to 0, and stay there.
         """
         best = greatest(mind.q_star[cell], len(ACTIONS))
         if task.robots > 2:
-            return max(best, LEAST_WORTH * greatest(mind.alone[cell], PRIMITIVES))
+            return max(best, LEAST_VALUE_SHARE * greatest(mind.alone[cell], PRIMITIVES))
         return best
 
     @staticmethod
@@ -482,8 +482,8 @@ def share_of_surplus(mind: Any, task: Task, first: int, here: float) -> float:
 
 
 @of_learner
-def worth(mind: Any, task: Task, cell: int) -> float:
-    """As `Factored.worth`."""
+def cell_value(mind: Any, task: Task, cell: int) -> float:
+    """As `Factored.cell_value`."""
     raise NotImplementedError
 
 
@@ -599,7 +599,7 @@ def refresh(mind: Any, task: Task, cell: int) -> None:
     for b in range(PRIMITIVES):
         q_star[b] = u[b] + r_bar[b]
     q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
-    mind.value[cell] = worth(mind, task, cell)
+    mind.value[cell] = cell_value(mind, task, cell)
 
 
 @inlined
@@ -819,8 +819,8 @@ def surplus(mind: Any, task: Task, cell: int) -> float:
 
     It is counted beyond the average of percepts there.
     """
-    worth: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
-    return worth
+    value: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
+    return value
 
 
 @inlined
