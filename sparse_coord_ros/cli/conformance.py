@@ -9,7 +9,7 @@ from sparse_coord_ros.base.errors import EXIT_FAULT
 from sparse_coord_ros.cli import options as shared
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.ros.nodes.conformance import Judged
+    from sparse_coord_ros.ros.nodes.conformance import ObligationResult
     from sparse_coord_ros.ros.nodes.spin import Stop
 
 EXAMPLE = (
@@ -45,7 +45,7 @@ def execute(options: argparse.Namespace) -> int:
     with shared.ros_needed():
         from sparse_coord_ros.ros.nodes.conformance import BROKEN, judge
         from sparse_coord_ros.ros.nodes.spin import exit_code_of
-    found: list[Judged] = []
+    found: list[ObligationResult] = []
 
     def run(stop: "Stop") -> None:
         found.extend(

@@ -57,8 +57,8 @@ GOLDEN = 0.6180339887498949
 """Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
 
 STOP = 0.5
-"""The weight of a stop, as a share of the value of an arrival. It costs one step, but robots that stop
-each other may stand for ever: by that step alone most teams in a lane do."""
+"""The weight of a stop, as a share of the value of an arrival. It costs one step, but robots that
+stop each other may stand for ever: by that step alone most teams in a lane do."""
 
 LEAVE = Spec("leave", (0.5, 0.25))
 """How robots of a team of more than two leave a stand-off, unless another way was chosen."""
