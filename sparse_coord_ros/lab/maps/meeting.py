@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a team on an imported map has anything to coordinate, and where a doorway would help."""
+"""The need of coordination on an imported map, and a doorway that would create it."""
 
 import dataclasses
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class Doorway(NamedTuple):
 
     Attributes:
         cell: its number.
-        lost: what a robot that ignores the others would lose with it, in questions.
+        lost: the loss of a robot that ignores the others with this doorway, in questions.
     """
 
     cell: int
@@ -36,9 +36,9 @@ class Prospect(NamedTuple):
 
     Attributes:
         advice: whether coordination will pay.
-        note: why there is nothing to coordinate, and what to change; empty: there is something.
-        doorway: (x, y) of a cell, in metres, which would give the team something to coordinate if
-            it were a doorway; None: no such cell is known, or none is needed.
+        note: the reason why coordination is not needed, and a remedy; empty: it is needed.
+        doorway: (x, y) of a cell, in metres, which as a doorway would make coordination necessary;
+            None: no such cell is known or needed.
     """
 
     advice: Advice
