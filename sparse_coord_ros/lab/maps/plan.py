@@ -400,8 +400,7 @@ def _learning_ways(value: float, needed: float) -> dict[str, Any]:
 
 
 def steps_for(way: np.ndarray, p: float) -> float:
-    """Return the steps in which every move of each cell on the way to a goal is tried several
-    times.
+    """Return the steps in which each move of each cell on the way is tried several times.
 
     Args:
         way: moves from each cell to the goal, -1 without a way.
