@@ -41,7 +41,7 @@ OPTIONS = (
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb; 1 where the robot breaks an obligation."""
+    """Run the verb; 1 if the robot breaks an obligation."""
     with shared.ros_needed():
         from sparse_coord_ros.ros.nodes.conformance import BROKEN, judge
         from sparse_coord_ros.ros.nodes.spin import exit_code_of
