@@ -169,7 +169,7 @@ def nothing_else_given(options: argparse.Namespace) -> None:
     """Refuse options that would change a resumed run.
 
     Raises:
-        RunError: something is given beside --resume.
+        RunError: another option is given with --resume.
     """
     names = {name: f"--{name.replace('_', '-')}" for name in FIXED}
     names |= {"scenario": "SCENARIO", "assignments": "--set"}

@@ -31,7 +31,7 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
         kinds: the allowed ends of its name; empty: any.
 
     Raises:
-        SettingError: its name ends otherwise.
+        SettingError: its name has another end.
         RunError: it cannot be written.
     """
     kind = path.suffix.lower()
