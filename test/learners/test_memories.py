@@ -44,7 +44,7 @@ def at_first(value):
     return change
 
 
-def refused(scenario, rule, memory, words="cannot have learned that"):
+def refused(scenario, rule, memory, words="tables do not match"):
     with pytest.raises(TablesError, match=words):
         check_memory(scenario, rule, 0, memory)
 

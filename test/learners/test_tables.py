@@ -169,7 +169,7 @@ def test_tables_from_elsewhere_act_as_their_values_say():
     assert (tables.q_coord == q_coord).all() and (tables.q_star == q_star).all()
     message = refusal(tables_from_values, scenario, 0, np.zeros((20, 5)), None)
     assert (
-        "robot 1 of scenario env1 with learner coop cannot have learned that (q_star is"
+        "tables do not match robot 1 of scenario env1 with learner coop: q_star is"
         in message
     )
     assert "(cells" not in message
