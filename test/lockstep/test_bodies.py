@@ -48,7 +48,7 @@ def made():
 
 
 def arrive(side, goals, **cells):
-    """Let the bodies of goals report; `robot_K` says where one ends instead."""
+    """Let the bodies of goals report; `robot_K`: another cell in which one ends."""
     for goal in goals.bodies:
         cell = cells.get(f"robot_{goal.robot + 1}", goal.end)
         side.reached(
