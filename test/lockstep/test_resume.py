@@ -267,7 +267,7 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(
         ({"seed": 6}, "another run"),
         ({"learner": "noncoop"}, "another run"),
         ({"penalty": -7}, "another run"),
-        ({"format": 4}, "is in format 4"),
+        ({"format": 5}, "is in format 5"),
     ],
 )
 def test_another_run_or_format_is_refused(
@@ -275,7 +275,7 @@ def test_another_run_or_format_is_refused(
 ):
     other = run
     if "format" in change:
-        monkeypatch.setattr("sparse_coord_ros.base.npz.NPZ_FORMAT", 4)
+        monkeypatch.setattr("sparse_coord_ros.base.npz.NPZ_FORMAT", 5)
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()
