@@ -169,19 +169,19 @@ def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips
 
 
 def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatch):
-    """Else it would say again what the body has heard, which then goes a tick too far."""
+    """Else it repeats a command, and the body goes a tick too far."""
     monkeypatch.setattr(mover, "HEAP_SECONDS", PATIENCE_SECONDS)
     taken = []
 
     class Taking(Driver):
-        """Keeps the times of the poses that it takes in."""
+        """Keeps the times of its poses."""
 
         def sees(self, seconds, pose):
             taken.append(seconds)
             super().sees(seconds, pose)
 
     class Sleepy(DriverNode):
-        """Takes poses in, and does not drive."""
+        """Receives poses, and does not drive."""
 
         def make(self, metric_map, number):
             return Taking(metric_map, None, number)
@@ -283,7 +283,7 @@ def test_at_their_own_speed(bench, tmp_path):
 
 
 def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
-    """Else each step adds to it, and a team that is under way seems to stand still."""
+    """Else each step adds to it, and a moving team seems to have stopped."""
     world = bench.world(bodies=True)
     bodies = world.bodies
     waited = []
@@ -347,7 +347,7 @@ def test_poses_of_other_types(bench, pose_type, kind):
 
 
 def transforms(*links):
-    """Return what a TFMessage holds, whose class is not in the wheels.
+    """Return the content of a TFMessage, whose class is not in the wheels.
 
     Args:
         links: (parent, child, x in metres, seconds) of each transform.
@@ -386,7 +386,7 @@ def test_transforms_need_their_package(bench, monkeypatch):
 
 
 def test_a_body_whose_poses_stop_is_stopped(bench):
-    """And what is no pose of the map is dropped."""
+    """And poses outside of the map are dropped."""
     context = bench.place()[0]
     world = bench.world(bodies=True, set=["steps=5"])
     driver = bench.add(
@@ -450,7 +450,7 @@ def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
 
 
 def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench):
-    """A report is said once. One that is said before would leave the world waiting for ever."""
+    """A report is sent once; before the subscription it would be lost."""
     world = bench.world(bodies=True)
     values = {"robot": "robot_1"}
     driver = puppet(DriverNode)(context=bench.place()[0], values=values)

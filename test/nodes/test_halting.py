@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Halting a team: by its world, by a driver, from outside; drivers that come late, lost words."""
+"""Halting a team: by its world, by a driver, from outside; late drivers, lost orders."""
 
 import json
 import re
@@ -75,7 +75,7 @@ def spin_for(bench, seconds):
 
 
 def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
-    """No time of a move passes meanwhile, neither the driver's nor the world's."""
+    """The time limits of a move do not run meanwhile, neither the driver's nor the world's."""
     world, drivers = team
     observer = bench.observer()
     commands = [observer.listen(Twist, f"{robot}/cmd_vel") for robot in ROBOTS]
@@ -162,7 +162,7 @@ def test_a_world_that_comes_back_finds_the_team_halted(bench, team, tmp_path):
 
 
 def test_only_a_new_word_of_the_world_counts(bench):
-    """What is heard first may have been said long ago; what is repeated says nothing new."""
+    """The first received order may be old; a repeated one is not new."""
     values = {"robot": "robot_1"}
     driver = bench.add(puppet(DriverNode)(context=bench.place()[0], values=values))
     observer = bench.observer()
@@ -231,7 +231,7 @@ def test_without_bodies_there_is_nothing_to_halt(bench):
 
 
 def test_from_the_page_which_may_be_closed_then(bench, team, monkeypatch):
-    """A wish that is fulfilled is over: the page does not repeat it when others let them go on."""
+    """A fulfilled request is over: the page does not repeat it later."""
     monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
     world, drivers = team
     page = WatchNode(context=bench.place("observer")[0], values={"port": 0})

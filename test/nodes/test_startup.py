@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes start in any order, and those that cannot take part say why."""
+"""Nodes start in any order, and nodes that cannot take part report the reason."""
 
 import re
 
@@ -111,7 +111,7 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
 
 @pytest.mark.parametrize("rank", [ClaimRank.STARTING, ClaimRank.HOLDING])
 def test_of_two_nodes_of_a_name_one_ends(rank):
-    """Who has come less far; of two that are equally far, who has the higher identity."""
+    """The node at the earlier stage; at equal stages, the one with the higher identity."""
     low = NameClaim("1", rank)
     high = NameClaim("2", rank)
     assert high.yields_to(low) and not low.yields_to(high)
@@ -180,7 +180,7 @@ def test_a_greedy_robot_without_tables(bench):
 def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still_listed(
     bench,
 ):
-    """Else what is said before it listens misses the log, and `verify` calls the log another."""
+    """Else earlier messages are missing in the log, and `verify` finds a difference."""
     world = bench.world()
     clock = world.topics.clock
 
@@ -309,7 +309,7 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
 
 
 def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
-    """Such as a program of one's own that does not hear its reward."""
+    """Such as a user's own program that does not subscribe to its reward."""
     world = bench.world()
     bench.robot("robot_1")
     context = bench.place("mine")[0]
