@@ -56,7 +56,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _robots(log, name: str | None) -> list[int]:
-    """Return the numbers of the robots that are asked for."""
+    """Return the numbers of the requested robots."""
     if name is None:
         return list(range(len(log.names)))
     if name not in log.names:
