@@ -1,8 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the update."""
+"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the update.
+
+It also tells how robots interact in that time step, in the words of the page.
+"""
 
 import argparse
+from collections.abc import Iterator
 
 from sparse_coord_ros.base.errors import RunError, did_you_mean
 from sparse_coord_ros.cli.options import BAG, JSON, Option, note, tell
@@ -51,8 +55,25 @@ def execute(options: argparse.Namespace) -> None:
             f"{who}: no COORDINATE at step {wanted}; the next is at step {step}"
         )
     lines += [line for one in found for line in in_words(log, one)]
+    shown = sorted({wanted} if step is None else {wanted, step})
+    interactions = list(_interactions(log, shown))
+    lines += [f"step {at}: {text}" for at, text in interactions]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
-    tell(options, {"wanted": wanted, "step": step, "coordinations": facts}, *lines)
+    told = [{"step": at, "text": text} for at, text in interactions]
+    both = {"coordinations": facts, "interactions": told}
+    tell(options, {"wanted": wanted, "step": step, **both}, *lines)
+
+
+def _interactions(log, steps: list[int]) -> Iterator[tuple[int, str]]:
+    """Yield how robots interact in some time steps: the time step, and a sentence."""
+    from sparse_coord_ros.show.narrator import Narrator
+    from sparse_coord_ros.show.steps import logged_step
+
+    narrator = Narrator(log.run.scenario)
+    for step in steps:
+        for row in (log.step == step).nonzero()[0]:
+            for sentence in narrator.interactions(logged_step(log, int(row))):
+                yield step, sentence
 
 
 def _robots(log, name: str | None) -> list[int]:

@@ -15,6 +15,8 @@ from sparse_coord_ros.log.runlog import Difference, Unknown, read_run
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.protocol.wire.messages import REWARD_FORM
 from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.steps import logged_step
 
 
 @pytest.fixture
@@ -195,6 +197,23 @@ def test_explain_finds_the_next_one(sparse_coord, good):
     assert out[1].startswith(f"step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out
+
+
+def test_explain_tells_how_robots_interact(sparse_coord, record):
+    bag = record("aisle", {"steps": 400}).bag
+    log = read_run(bag)
+    narrator = Narrator(log.run.scenario)
+    told = {
+        step: narrator.interactions(logged_step(log, row))
+        for row, step in enumerate(log.step.tolist())
+    }
+    step = next(t for t, said in told.items() if said)
+    out = sparse_coord("explain", bag, "--step", step)[1].splitlines()
+    assert {f"step {step}: {one}" for one in told[step]} <= set(out)
+    data = json.loads(sparse_coord("explain", bag, "--step", step, "--json")[1])
+    assert [one["text"] for one in data["interactions"] if one["step"] == step] == told[
+        step
+    ]
 
 
 @pytest.mark.parametrize(
