@@ -1,12 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the update.
-
-It also tells how robots interact in that time step, in the words of the page.
-"""
+"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the update."""
 
 import argparse
-from collections.abc import Iterator
 
 from sparse_coord_ros.base.errors import RunError, did_you_mean
 from sparse_coord_ros.cli.options import BAG, JSON, Option, note, tell
@@ -32,6 +28,8 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     from sparse_coord_ros.log.runlog import read_run
     from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
+    from sparse_coord_ros.show.narrator import Narrator
+    from sparse_coord_ros.show.steps import logged_step
 
     wanted = options.step
     log = read_run(options.bag)
@@ -45,39 +43,31 @@ def execute(options: argparse.Namespace) -> None:
         if step is None
         else [one for k in asked for one in explained(log, k, [step])]
     )
-    who = options.robot or "nobody"
+    interactions = []
+    if step is not None:
+        seen = logged_step(log, log.row_of[step])
+        interactions = Narrator(log.run.scenario).interactions(seen)
+    who = options.robot or "all robots"
     lines = [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")
-        lines.append(f"{who}: no COORDINATE from step {wanted} on; the last: {last}")
+        lines.append(f"{who}: no question from step {wanted} on; the last: {last}")
     elif wanted not in (0, step):
-        lines.append(
-            f"{who}: no COORDINATE at step {wanted}; the next is at step {step}"
-        )
+        lines.append(f"{who}: no question at step {wanted}; the next is at step {step}")
     lines += [line for one in found for line in in_words(log, one)]
-    shown = sorted({wanted} if step is None else {wanted, step})
-    interactions = list(_interactions(log, shown))
-    lines += [f"step {at}: {text}" for at, text in interactions]
+    lines += [f"at the end of step {step}: {sentence}" for sentence in interactions]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
-    told = [{"step": at, "text": text} for at, text in interactions]
-    both = {"coordinations": facts, "interactions": told}
-    tell(options, {"wanted": wanted, "step": step, **both}, *lines)
-
-
-def _interactions(log, steps: list[int]) -> Iterator[tuple[int, str]]:
-    """Yield how robots interact in some time steps: the time step, and a sentence."""
-    from sparse_coord_ros.show.narrator import Narrator
-    from sparse_coord_ros.show.steps import logged_step
-
-    narrator = Narrator(log.run.scenario)
-    for step in steps:
-        for row in (log.step == step).nonzero()[0]:
-            for sentence in narrator.interactions(logged_step(log, int(row))):
-                yield step, sentence
+    document = {
+        "wanted": wanted,
+        "step": step,
+        "coordinations": facts,
+        "interactions": interactions,
+    }
+    tell(options, document, *lines)
 
 
 def _robots(log, name: str | None) -> list[int]:
-    """Return the numbers of the robots that are asked for."""
+    """Return the numbers of the requested robots."""
     if name is None:
         return list(range(len(log.names)))
     if name not in log.names:
