@@ -102,10 +102,10 @@ def execute(options: argparse.Namespace) -> None:
     if len(options.start) != len(options.goal):
         what = f"--start has {len(options.start)} places and --goal {len(options.goal)}"
         raise MapError(f"{what}; give each robot both")
-    SETTINGS.parse(parse_assignments(options.assignments))
     if options.page:
         from sparse_coord_ros.cli.import_page import serve
 
+        SETTINGS.parse(parse_assignments(options.assignments))
         serve(options)
         return
     plan = read_floor_plan(options.map)
