@@ -87,7 +87,7 @@ def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
     others = [name for name in SETTINGS if name not in (*DIALOGUE_SETTINGS, *PROTOCOL)]
     for group, about, names in (
         ("scenario", "What is played", others),
-        ("dialogue", "Who asks whom, and who answers", DIALOGUE_SETTINGS),
+        ("dialogue", "Questions and answers", DIALOGUE_SETTINGS),
         ("protocol", "How robots learn", PROTOCOL),
     ):
         yield group, f"{about} ({by_hand})", _entries(SETTINGS[name] for name in names)

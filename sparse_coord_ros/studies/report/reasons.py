@@ -99,7 +99,7 @@ def _turning(result: ConditionResult) -> str:
     ):
         return ""
     return (
-        f" Robots that all keep right where routes are equally short are worth exactly "
+        f" Robots that all keep right where routes are equally short return exactly "
         f"{same.returns:.2f} with {same.miscoordinations:.2f} miscoordinations: the paper's "
         f"{counted.mean:.2f} says that its learners turned alike."
     )

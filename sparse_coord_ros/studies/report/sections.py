@@ -597,9 +597,9 @@ def uneven(results: Results) -> Section:
     better = sum(gain.mean > 0 for gain in gains)
     surely, cases = _surely(gains)
     claim = Claim(
-        "Coop. is worth more than Non-coop. where r^C is uneven too",
+        "Coop. has a higher return than Non-coop. where r^C is uneven too",
         OPEN_QUESTION,
-        f"worth more in {of(better, cases)} cases (even r^C among them), surely in {surely}",
+        f"higher in {of(better, cases)} cases (even r^C among them), surely in {surely}",
         surely,
         cases,
     )
@@ -629,14 +629,14 @@ def crowd(results: Results) -> Section:
     one, every, factored = (_surely(found) for found in gains.values())
     claims = [
         Claim(
-            "In larger teams too, Coop. is worth more than Non-coop.",
+            "In larger teams too, Coop. has a higher return than Non-coop.",
             "open question (footnote 3)",
             f"surely in {of(*one)} team sizes with one peer, in {of(*every)} with all peers",
             one[0] + every[0],
             one[1] + every[1],
         ),
         Claim(
-            "Factored is worth more than Non-coop., whatever the team size",
+            "Factored has a higher return than Non-coop., whatever the team size",
             TARGET,
             f"surely in {of(*factored)} team sizes",
             *factored,

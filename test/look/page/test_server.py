@@ -109,7 +109,7 @@ def test_every_yardstick_is_explained_and_only_bounds_are_called_so():
     assert names == set(told) and len(names) == 5
     for name, words in told.items():
         is_bound = name in ("exact joint optimum", "bound (robots alone)")
-        assert ("no team is worth more" in words) == is_bound
+        assert ("no team has a higher value" in words) == is_bound
         assert ("better ones may exist" in words) == (not is_bound)
 
 

@@ -20,7 +20,7 @@ const letter = (k) => String.fromCharCode(65 + k);
 const charts = new Curves($("curves"));
 let columns = [], titles = [], clock = null, aligned = null, mayControl = false, sliding = -1e9;
 
-// One run: its map, what happens now, and what its team is worth.
+// One run: its map, what happens now, and the values of its team.
 class Column {
   constructor(k, title) {
     this.k = k;

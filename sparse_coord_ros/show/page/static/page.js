@@ -141,7 +141,7 @@ function legend() {
     item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })),
     item("would ask here", svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })),
     item(html("span", { id: "asked-where" }), svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
-    item("a cell that the greedy robot never visits", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
+    item("never visited", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
     item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
   if (run.map.helps.length) $("legend").append(
