@@ -41,15 +41,13 @@ def execute(options: argparse.Namespace) -> None:
         if step is None
         else [one for k in asked for one in explained(log, k, [step])]
     )
-    who = options.robot or "nobody"
+    who = "" if options.robot is None else f"{options.robot}: "
     lines = [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")
-        lines.append(f"{who}: no COORDINATE from step {wanted} on; the last: {last}")
+        lines.append(f"{who}no COORDINATE from step {wanted} on; the last: {last}")
     elif wanted not in (0, step):
-        lines.append(
-            f"{who}: no COORDINATE at step {wanted}; the next is at step {step}"
-        )
+        lines.append(f"{who}no COORDINATE at step {wanted}; the next is at step {step}")
     lines += [line for one in found for line in in_words(log, one)]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
     tell(options, {"wanted": wanted, "step": step, "coordinations": facts}, *lines)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord halt`: let all robots of a team stand at once, or go on."""
+"""`sparse_coord halt`: stop all robots of a team, or let them continue."""
 
 import argparse
 import time

@@ -83,8 +83,11 @@ def add_options(
             how["type"] = one.kind
         how |= one.more
         offered = how.pop("names", None)
-        if how.get("default") not in (None, []):
-            how["help"] += f" (default: {how['default']})"
+        default = how.get("default")
+        if isinstance(default, tuple):
+            default = " ".join(default)
+        if default not in (None, [], ""):
+            how["help"] += f" (default: {default})"
         action = parser.add_argument(name, **how)
         if offered is not None:  # argcomplete calls its `completer`
             setattr(action, "completer", lambda offered=offered, **_: offered())  # noqa: B010

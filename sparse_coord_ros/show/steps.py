@@ -50,7 +50,7 @@ class Question(NamedTuple):
 
     def in_words(self, names: Sequence[str]) -> str:
         """Return it as a sentence."""
-        whom = ", ".join(names[peer] for peer in self.peers) or "nobody"
+        whom = ", ".join(names[peer] for peer in self.peers) or "no robot"
         if len(self.peers) == len(names) - 1 > 1:
             whom = "all others"
         ended = "no answer" if self.outcome == FAILED else self.outcome

@@ -91,7 +91,7 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
         code == 0
         and "a: the run is not finished, its tables are those of a checkpoint" in err
     )
-    assert err.endswith(f"go on with: sparse_coord {verb} --resume a\n")
+    assert err.endswith(f"continue with: sparse_coord {verb} --resume a\n")
 
 
 def test_exact(sparse_coord, trained, folder):

@@ -90,24 +90,24 @@ def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, caps
     [unknown] = returned(ALONE, other="robot_2").unknown
     assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 came back")
     assert main(["verify", str(tmp_path / "bag")]) == 3
-    told = f"cannot tell from step {AT} on: robot_2 came back "
+    told = f"undecided from step {AT} on: robot_2 came back "
     assert told in capsys.readouterr().out
 
 
 def test_a_robot_that_comes_back_twice(returned):
-    """The log cannot tell from the first time on; its checkpoint's tables come again."""
+    """The run is undecided from the first time on; its checkpoint's tables come again."""
     first, second = (
         ALONE._replace(life=life, step=0) for life in ("another", "a third")
     )
     found = returned(
         first, second, other="robot_2", which=1, again="tables/robot_2_0.npz"
     )
-    assert found.cannot_tell
+    assert found.undecided
     assert [one[:2] for one in found.unknown] == [(AT, None)]
 
 
 def test_an_order_without_rollback_moves_no_robot_back(returned):
-    assert returned(ALONE, OBEYED, other="robot_2", call=True).cannot_tell
+    assert returned(ALONE, OBEYED, other="robot_2", call=True).undecided
 
 
 def test_what_follows_from_a_world_that_came_back_alone_is_open(returned, good):
@@ -128,12 +128,12 @@ def test_what_differs_before_a_robot_came_back_differs(returned, good):
 
 def test_what_differs_as_a_robot_comes_back_is_unknown(returned, good):
     gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
-    assert returned(ALONE, other="robot_2", without=gone).cannot_tell
+    assert returned(ALONE, other="robot_2", without=gone).undecided
 
 
 def test_what_follows_from_a_robot_that_came_back_is_not_told_apart(returned):
     """Another robot's tables may follow from it, too: `verify` does not find out."""
-    assert returned(ALONE, other="robot_1").cannot_tell
+    assert returned(ALONE, other="robot_1").undecided
 
 
 @pytest.mark.parametrize(

@@ -188,10 +188,7 @@ def test_explain_finds_the_next_one(sparse_coord, good):
     calm = next(t for t in log.step.tolist() if t > steps[3] and t not in steps)
     following = min(t for t in steps if t > calm)
     out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
-    assert (
-        out[0]
-        == f"nobody: no COORDINATE at step {calm}; the next is at step {following}"
-    )
+    assert out[0] == f"no COORDINATE at step {calm}; the next is at step {following}"
     assert out[1].startswith(f"step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out

@@ -161,7 +161,7 @@ def test_nothing_is_to_be_tried_where_asking_will_not_pay():
     scenario = load_scenario("unseen1-doors-2r-1")
     found = earning(scenario, earning_of_paths(scenario) + 20.0, asks=0.0)
     assert found.kind == SILENT
-    assert "Asking will not pay, because robots can take ways on which" in found.text
+    assert "Asking will not pay, because robots can choose paths that" in found.text
     assert "Try" not in found.text
 
 

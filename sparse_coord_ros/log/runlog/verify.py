@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`.
 
-There are three answers. A run is identical; it differs at a time step in a quantity; or the log
-cannot tell from a time step on, for a reason. A log cannot tell where a part of it is lost, where
-code may not be imported, where a robot or the world came back without the team going back with it,
-and where a message is missing that an honest run may lack.
+There are three answers. A run is identical; it differs at a time step in a quantity; or it is
+undecided from a time step on, for a reason. The reasons are a lost part of the log, code that may
+not be imported, a robot or world that came back without the team going back with it, and a missing
+message that an honest run may lack.
 """
 
 from collections import Counter
@@ -50,7 +50,7 @@ UNLEARNED = "transitions from which a robot did not learn"
 class Verification:
     """The result of `verify`.
 
-    The run differs if there is a difference. Otherwise the log cannot tell if a part is unknown.
+    The run differs if there is a difference. Otherwise it is undecided if a part is unknown.
     Otherwise the run is identical.
 
     Attributes:
@@ -81,7 +81,7 @@ class Verification:
         return not self.differences and not self.unknown
 
     @property
-    def cannot_tell(self) -> bool:
+    def undecided(self) -> bool:
         """True if nothing differs, but a part is unknown."""
         return not self.differences and bool(self.unknown)
 
@@ -299,10 +299,10 @@ def _came_back(log: RunLog) -> Iterator[Unknown]:
     for k, name in enumerate(log.names):
         since = _came_back_alone(log, k, {NO_ORDER, *without_rollback})
         if since is not None:
-            why = f"{name} came back with the tables of a checkpoint, and the team went on"
+            why = f"{name} returned with the tables of a checkpoint, without the team"
             yield Unknown(since, None, why)
     if without_rollback:
-        why = "the world came back and went on with a new episode"
+        why = "the world returned, and began a new episode instead of going back"
         yield Unknown(min(without_rollback.values()), None, why)
 
 

@@ -346,7 +346,7 @@ def in_words(
         k, peers, end, move = question
         cell = seen.cells[k]
         after = None if seen.after is None else seen.after[k]
-        whom = ", ".join(narrator.names[peer] for peer in peers) or "nobody"
+        whom = ", ".join(narrator.names[peer] for peer in peers) or "no robot"
         asked = asked_of(seen, question)
         told = end.words
         perceived = None if asked is None else asked.perceived
