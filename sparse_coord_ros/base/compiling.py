@@ -35,11 +35,12 @@ from sparse_coord_ros.base.files import import_apart, take_lock
 F = TypeVar("F", bound=Callable[..., Any])
 
 FOLDER_VARIABLE = "SPARSE_COORD_CACHE"
-"""Environment variable: where to keep compiled loops; empty: nowhere. Unless it is set they are
-in `sparse_coord_ros` of the user's cache directory (XDG_CACHE_HOME, or ~/.cache)."""
+"""Environment variable: the directory of compiled loops; empty: they are not kept. If it is not
+set, the directory is `sparse_coord_ros` in the user's cache directory (XDG_CACHE_HOME, or
+~/.cache)."""
 
 THREADS_VARIABLE = "NUMBA_NUM_THREADS"
-"""Environment variable of numba, which cannot be imported where it is 0."""
+"""Environment variable of numba, which cannot be imported if it is 0."""
 
 COMPILER = ("numba", "llvmlite", "numpy")
 """Installed packages whose versions the compiled code depends on."""
@@ -52,18 +53,18 @@ SOURCES = (
     "core/solve/*.py",
     "core/engine/*.py",
 )
-"""Files that the loops, what they call and their constants come from."""
+"""The source files of the loops, of the functions that they call, and of their constants."""
 
 INTERRUPT_SECONDS = 0.2
-"""How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
+"""Longest delay of an interrupt if the system does not wake up the waiting thread."""
 
 
-# Whether numba is there, and work in the background.
+# The presence of numba, and work in the background.
 
 
 def has_numba() -> bool:
     """Return whether numba is installed, and fits this NumPy."""
-    # Where it is imported there is nothing to wait for.
+    # If it is already imported, the check is immediate.
     return (
         _imports() if "numba" in sys.modules else bool(in_background("numba", _imports))
     )
@@ -76,9 +77,9 @@ def _imports() -> bool:
 
 
 def numba() -> ModuleType:
-    """Import numba where it is first needed: that takes as long as all the rest."""
+    """Import numba when it is first needed: this import takes as long as all the others."""
     threads = os.environ.get(THREADS_VARIABLE, "")
-    with suppress(ValueError):  # numba ignores a text that is no number
+    with suppress(ValueError):  # numba ignores a text that is not a number
         check_argument(
             THREADS_VARIABLE, threads, int(threads) > 0, "a whole number from 1"
         )
@@ -97,7 +98,7 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
 
     An interrupt that arrives inside numba can get lost: LLVM calls back into Python through
     ctypes, which swallows exceptions. Here it reaches the caller, who only waits, at once. The
-    work goes on for the next caller; a process that ends before it does so without it.
+    work continues for the next caller; a process may end before the work is done.
 
     Args:
         key: names the work.
@@ -127,7 +128,7 @@ def _do(work: Callable[[], Any], future: Future[Any]) -> None:
 
 
 def _end_without(future: Future[Any]) -> None:
-    """End the process while LLVM still works in another thread: taking it down would crash."""
+    """End the process while LLVM still works in another thread: an orderly exit would crash."""
     if not future.done():
         sys.stdout.flush()
         sys.stderr.flush()
@@ -142,15 +143,15 @@ _before: list[Callable[[dict[str, Any]], None]] = []
 
 
 def inner(function: F) -> F:
-    """Let compiled loops call a function; for everyone else it stays plain Python."""
+    """Let compiled loops call a function; for other callers it stays plain Python."""
     _inner[function] = False
     return function
 
 
 def inlined(function: F) -> F:
-    """As `inner`, compiled into its caller: where passing many arrays takes longer than the work.
+    """As `inner`, compiled into its caller: if passing many arrays takes longer than the work.
 
-    Inlining all functions would take numba half as long again to compile.
+    Inlining all functions would make compiling half as long again.
     """
     _inner[function] = True
     return function
@@ -170,7 +171,7 @@ def compiled_as(body: Callable[..., Any]) -> Callable[[F], F]:
 
 
 def made_for_types(make: Callable[..., Callable[..., Any]]) -> Callable[[F], F]:
-    """Let compiled loops call what `make` returns for the numba types of the arguments."""
+    """Let compiled loops call the function that `make` returns for the arguments' numba types."""
 
     def noted(function: F) -> F:
         _overloads[function] = make
@@ -237,17 +238,18 @@ def _registered(function: Callable[..., Any]) -> None:
 
 @functools.cache
 def accepted(name: str, value: bool) -> dict[str, bool]:
-    """Return an option of numba's that makes the loops faster, where this numba has it.
+    """Return an option of numba that makes the loops faster, if this numba has it.
 
-    `_nrt` off spares them counting references to arrays: they make none and keep none, and a step
-    of env1 takes 27 ns instead of 250. `forceinline`: see `inlined`. Neither is documented.
+    `_nrt` off removes the counting of references to arrays: the loops neither make nor keep
+    arrays, and a step of env1 takes 27 ns instead of 250. `forceinline`: see `inlined`. Neither is
+    documented.
     """
     options = {name: value}
     try:
         numba().njit(**options)(lambda values: values[0])(np.zeros(1))
     except (
         Exception
-    ):  # whatever a numba without the option raises: slower, the same results
+    ):  # a numba without the option may raise any error: slower, the same results
         return {}
     return options
 
@@ -255,7 +257,7 @@ def accepted(name: str, value: bool) -> dict[str, bool]:
 def jit(
     loops: Sequence[Callable[..., Any]], rule: type | None = None
 ) -> list[Callable[..., Any]]:
-    """Return loops that numba compiles when they are first called, or takes from disk.
+    """Return loops that numba compiles at their first call, or loads from disk.
 
     No fast-math: the same bits as plain Python.
 
@@ -286,7 +288,7 @@ def folder(rule: type | None = None) -> Path | None:
     """Return the cache folder for the loops of these sources; None without one.
 
     Args:
-        rule: as of `jit`; the modules of its classes are among the sources.
+        rule: as in `jit`; the modules of its classes are among the sources.
     """
     named = os.environ.get(FOLDER_VARIABLE)
     if named == "":
@@ -297,7 +299,7 @@ def folder(rule: type | None = None) -> Path | None:
         found.mkdir(parents=True, exist_ok=True, mode=0o700)
         return found if os.access(found, os.W_OK | os.X_OK) else None
     except (OSError, RuntimeError, TypeError, PackageNotFoundError):
-        # No room, no home, no file of the rule, no numba.
+        # No space, no home, no file of the rule, or no numba.
         return None
 
 
@@ -315,8 +317,8 @@ def digest_of_sources(
 
     Args:
         compiler: the compiler's name and version.
-        rule: as of `folder`.
-        sources: patterns of the files, from the package's folder; `SOURCES` where there are none.
+        rule: as in `folder`.
+        sources: patterns of the files, from the package's folder; empty: `SOURCES`.
     """
     digest = hashlib.sha256(compiler.encode())
     package = Path(__file__).parents[1]
@@ -329,7 +331,7 @@ def digest_of_sources(
 
 
 def _sources_of(rule: type | None) -> Iterator[Path]:
-    """Return the files in which a class and its bases of the user's own are defined."""
+    """Return the files of a class and its base classes that the user has written."""
     for one in () if rule is None else rule.__mro__:
         if one.__module__.split(".")[0] not in (
             __name__.split(".")[0],
@@ -342,7 +344,7 @@ def _sources_of(rule: type | None) -> Iterator[Path]:
 def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> None:
     """Let numba compile, in the background; return when it has.
 
-    Where several processes want the same loops one compiles, the others wait and take its.
+    If several processes need the same loops, one compiles them, and the others wait and load them.
 
     Args:
         key: names the loops.
@@ -356,7 +358,7 @@ def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> No
                 warm_up()
             except (
                 Exception
-            ) as error:  # whatever a spoiled file on disk makes numba raise
+            ) as error:  # a damaged file on disk may make numba raise any error
                 if isinstance(error, SparseCoordError | MemoryError) or not forget(
                     rule
                 ):
@@ -369,7 +371,7 @@ def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> No
 
 @contextmanager
 def _one_process(place: Path | None, key: str) -> Iterator[None]:
-    """Hold a lock in the folder of the loops while they are not there; nothing where it fails."""
+    """Hold a lock in the folder of missing loops; continue without one if locking fails."""
     with ExitStack() as held:
         if place is not None and not (place / key).exists():
             with suppress(OSError):
@@ -386,7 +388,7 @@ def is_compiled(key: str, rule: type | None = None) -> bool:
 
 
 def is_kept(key: str, rule: type | None = None) -> bool:
-    """Return whether the loops of that name were compiled before: they need no compiling now."""
+    """Return whether the loops of that name are compiled on disk."""
     place = folder(rule)
     return place is not None and (place / key).exists()
 
@@ -395,7 +397,7 @@ def keep(key: str, rule: type | None = None) -> None:
     """Note that the loops of that name are compiled."""
     place = folder(rule)
     if place is not None:
-        with suppress(OSError):  # a full disk: they are compiled again next time
+        with suppress(OSError):  # on a full disk they are compiled again next time
             (place / key).touch()
 
 

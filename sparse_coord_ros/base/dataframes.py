@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Data frames, with one clear line where pandas is missing, and how notebooks show them."""
+"""Data frames, with one clear line if pandas is missing, and their display in notebooks."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Columns: TypeAlias = "Mapping[str, Sequence[object] | np.ndarray]"
 
 MOST_ROWS = 12
-"""Rows of a table that is shown; of longer ones the middle is left out."""
+"""Most shown rows of a table; of longer tables the middle is left out."""
 
 
 def data_frame(columns: Columns) -> "pd.DataFrame":
@@ -32,12 +32,12 @@ def data_frame(columns: Columns) -> "pd.DataFrame":
 
 
 def shown_as(head: str, columns: Columns, *, markup: bool = False) -> str:
-    """Return a line and a short table below it; the line alone where pandas is missing.
+    """Return a line and a short table below it; only the line if pandas is missing.
 
     Args:
         head: the line.
         columns: of equal length.
-        markup: whether to return HTML, as notebooks show it.
+        markup: whether to return HTML, for notebooks.
     """
     how: dict[str, Any] = {
         "index": False,

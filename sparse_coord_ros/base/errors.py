@@ -21,20 +21,20 @@ EXIT_FAULT = 1
 
 
 EXIT_INTERRUPTED = 130
-"""Exit code of what is interrupted before it could end by itself."""
+"""Exit code of a program that is interrupted before its end."""
 
 
 class SparseCoordError(Exception):
     """Base of all errors that end a program in words; its text is one line.
 
     Attributes:
-        exit_code: with which a program ends that is stopped by it.
+        exit_code: the exit code of a program that it stops.
     """
 
     exit_code = EXIT_BAD_INPUT
 
     def __str__(self) -> str:
-        """Return the message on one line, even if it quotes a stranger's text."""
+        """Return the message on one line, even if it quotes foreign text."""
         return in_line(super().__str__())
 
 
@@ -55,11 +55,11 @@ class NotAllowedError(SettingError):
 
 
 class PluginError(SparseCoordError):
-    """A learner or perception model of the user's own failed; the cause has its traceback."""
+    """A user's own learner or perception model failed; the cause has its traceback."""
 
 
 class RunError(SparseCoordError):
-    """A run cannot start or go on: a robot is missing, a name is taken, a directory exists."""
+    """A run cannot start or continue: a robot is missing, a name is taken, a directory exists."""
 
 
 class NameTakenError(RunError):
@@ -107,8 +107,8 @@ def retold(
     Args:
         error: the class to raise.
         caught: the exceptions to turn; of an OSError the message has only the reason.
-        what: how the line begins, before a colon.
-        remedy: how it ends.
+        what: the beginning of the line, before a colon.
+        remedy: its end.
     """
     try:
         yield
@@ -142,11 +142,11 @@ def failure_of(error: Exception) -> SparseCoordError:
 
 
 LONGEST_LINE = 2000
-"""Characters of a line that a person is to read."""
+"""Most characters of a line for people."""
 
 
 def in_line(text: str) -> str:
-    """Return a text as one printable line; of a long one the middle is left out."""
+    """Return a text as one printable line; the middle of a long one is left out."""
     line = "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
     )
@@ -160,7 +160,7 @@ _short.maxother = _short.maxstring = 80
 
 
 def in_short(value: object) -> str:
-    """Return a value as Python writes it, cut to a length that fits a line."""
+    """Return Python's text of a value, cut to fit a line."""
     return _short.repr(value)
 
 
@@ -206,13 +206,13 @@ OTHER_WORDS = {
     "agent": "learner",
     "output": "out",
 }
-"""What others call a setting or an option of ours."""
+"""Names that other software has for our settings and options."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return `" (did you mean 'x'?)"` for the nearest known name, or an empty string.
 
-    Capitals do not count, and `OTHER_WORDS` stand for ours.
+    Case does not count, and `OTHER_WORDS` stand for our names.
     """
     names = {one.lower(): one for one in known}
     wanted = name.lower()
@@ -226,7 +226,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 def check_format(
     found: object, known: int, where: str, error: type[SparseCoordError]
 ) -> None:
-    """Raise an `error` unless a file says that it is in the format that this version reads."""
+    """Raise an `error` unless a file's format is the one that this version reads."""
     if type(found) is not int or found != known:
         newer = isinstance(found, int) and found > known
         remedy = "update sparse_coord_ros" if newer else "make it anew"
@@ -235,6 +235,6 @@ def check_format(
 
 
 def os_error_text(error: OSError) -> str:
-    """Return the error's text, with the file where the system names it."""
+    """Return the error's text, with the file if the system names it."""
     problem = error.strerror or str(error)
     return problem if error.filename is None else f"{error.filename}: {problem}"

@@ -22,10 +22,10 @@ from sparse_coord_ros.base.errors import (
 )
 
 LONGEST_NAME = 255
-"""Bytes of the name of a file or a folder."""
+"""Most bytes of the name of a file or a folder."""
 
 PARTIAL = ".partial"
-"""What the name of a file ends with while it is written."""
+"""The end of the name of a file that is being written."""
 
 
 def path_argument(
@@ -72,7 +72,7 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
     """
     partial = path.with_name(path.name + PARTIAL)
     try:
-        partial.unlink(missing_ok=True)  # it may be a link to somewhere else
+        partial.unlink(missing_ok=True)  # it may be a link to another place
         with partial.open("xb") as file:
             file.write(data.encode() if isinstance(data, str) else data)
             if sync:
@@ -83,7 +83,7 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            error.filename = str(path)  # a full disk does not say for which file
+            error.filename = str(path)  # the error of a full disk lacks the file
         raise
     if sync:
         sync_directory(path.parent)
@@ -96,7 +96,7 @@ def _numbered(path: Path) -> Iterator[Path]:
 
 
 def free_name(path: Path) -> Path:
-    """Return a name that nothing has, with a number at its end where it must have one."""
+    """Return an unused name, with a number at its end if necessary."""
     return next(free for free in _numbered(path) if not os.path.lexists(free))
 
 
@@ -105,18 +105,18 @@ def rescue(
     write: Callable[[Path], None],
     joins: Callable[[Path], bool] = lambda place: False,
 ) -> Path:
-    """Write files into a directory that stands in for another, and return it.
+    """Write files into a directory that replaces another, and return it.
 
-    It is a new one called `<directory>_rescued`, with a number where something has that name,
-    beside the other or in the folder for temporary files.
+    It is a new one with the name `<directory>_rescued`, and a number if that name exists, beside
+    the other or in the folder for temporary files.
 
     Args:
         directory: the other one, an absolute path.
         write: writes the files into a directory.
-        joins: whether to write into what has the name already.
+        joins: tells whether to write into an existing directory of that name.
 
     Raises:
-        OSError: neither place can be written; that of the last.
+        OSError: neither place can be written; the error of the second.
     """
     for folder in (directory.parent, Path(tempfile.gettempdir())):
         names = _numbered(folder / f"{directory.name}_rescued")
@@ -130,7 +130,7 @@ def rescue(
 
 
 def _makes(directory: Path) -> bool:
-    """Make a directory; False where something has its name. Other OSErrors pass."""
+    """Make a directory; False if its name exists. Other OSErrors pass."""
     try:
         directory.mkdir(parents=True)
     except FileExistsError:
@@ -139,7 +139,7 @@ def _makes(directory: Path) -> bool:
 
 
 class HeldError(Exception):
-    """Another process holds a file; the text names it where that is known."""
+    """Another process holds a file; the text names the process if it is known."""
 
 
 def take_lock(
@@ -151,7 +151,7 @@ def take_lock(
 
     Args:
         file: the file, or its descriptor.
-        exclusive: for this process alone; else shared by all that read.
+        exclusive: only for this process; else shared by all readers.
         wait: wait for the lock.
     """
     how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
@@ -165,12 +165,12 @@ def take_lock(
 
 
 def hold(path: Path) -> IO[str]:
-    """Hold a file for this process alone until it is closed; it says which process that is.
+    """Lock a file for this process until it is closed; the file's text names the process.
 
-    The file stays when it is given up, for the next holder.
+    The file stays after that, for the next holder.
 
     Args:
-        path: the file; it is made where it is missing.
+        path: the file; it is made if it is missing.
 
     Raises:
         HeldError: another process holds it.
@@ -182,7 +182,7 @@ def hold(path: Path) -> IO[str]:
     if not take_lock(file):
         with file:
             raise HeldError(f"process {file.read().strip()}".rstrip())
-    with suppress(OSError):  # only words for a second process
+    with suppress(OSError):  # the text is only information for other processes
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()
@@ -190,19 +190,19 @@ def hold(path: Path) -> IO[str]:
 
 
 def sync_directory(directory: Path) -> None:
-    """Let the disk have the names in a directory; an OSError passes."""
+    """Write the names in a directory to the disk; an OSError passes."""
     descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno != errno.EINVAL:  # this file system has nothing to do
+        if error.errno != errno.EINVAL:  # EINVAL: this file system needs no sync
             raise
     finally:
         os.close(descriptor)
 
 
 def import_apart(name: str, file: str) -> ModuleType:
-    """Import a library without its settings file in the current directory, perhaps a stranger's.
+    """Import a library without its settings file in the current directory, which may be foreign.
 
     Args:
         name: the library.

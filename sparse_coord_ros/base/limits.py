@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limits of size for untrusted input, and the functions that read it.
 
-Files, bags and messages are data. Whatever their content, reading ends soon, with the content or
-with a one-line error. Each kind of input has its `Limit`; bytes and elements bound the time.
+Files, bags and messages are data. With any content, reading ends soon, with the content or with a
+one-line error. Each kind of input has its `Limit`; bytes and elements bound the time.
 """
 
 import errno
@@ -16,10 +16,10 @@ from sparse_coord_ros.base.errors import SparseCoordError
 
 
 class Limit(NamedTuple):
-    """The most that is read of a kind of input.
+    """The largest size of a kind of input.
 
     Attributes:
-        what: the kind, as messages name it.
+        what: the kind, in the words of messages.
         bytes: of a file, text or message.
         elements: values of a YAML text, keys and containers included; squares of a grid; bytes
             of an archive's arrays.
@@ -44,17 +44,17 @@ RECORD = Limit("a record of a bag", 256 * MB)
 CHUNK = Limit("the content of a chunk", 64 * MB)
 CHUNKS = Limit("the content of all chunks, and of each byte of the file", 256 * MB, 100)
 RECORDS = 50_000
-"""Attachments and metadata of a bag; its messages, beside one for each byte of the file."""
+"""Most attachments and metadata of a bag; its messages have one more for each byte of the file."""
 
 MESSAGE = Limit("a message", 2**16)
-"""Of a topic that says nothing else: a node reads it within a few milliseconds."""
+"""For topics without their own limit: a node reads such a message within a few milliseconds."""
 
 PICTURE = Limit("a map or markers", 4 * MB)
 TABLES = Limit("the tables of one robot", 64 * MB, 64 * MB)
 METADATA = Limit("a bag's metadata", 4 * MB, 100_000)
 
 ASKED = 1_000
-"""Parameters that one request to a node's parameter services names."""
+"""Most parameters in one request to a node's parameter services."""
 
 DEEPEST_NESTING = 30
 """Containers within containers of a YAML text."""
@@ -70,10 +70,10 @@ def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
 
     Args:
         path: the file.
-        limit: how large it may be; None: as large as it is.
+        limit: its largest size; None: any size.
 
     Raises:
-        OSError: it cannot be read, is something else, or is too large; with its name.
+        OSError: it cannot be read, is not a regular file, or is too large; with its name.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "a path has no NUL characters", str(path))
@@ -115,7 +115,7 @@ def read_file(
 def read_text(
     path: Path, limit: Limit, error: type[SparseCoordError], remedy: str
 ) -> str:
-    """Return the text of a regular file; as `read_file`, and it must be UTF-8."""
+    """Return the text of a regular file in UTF-8; arguments and errors as in `read_file`."""
     try:
         return read_file(path, limit, error, remedy).decode().replace("\r\n", "\n")
     except UnicodeDecodeError as failure:

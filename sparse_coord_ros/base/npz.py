@@ -4,7 +4,7 @@
 
 Beside the arrays it has `format`, three texts: the number of the format of all three; the version
 of the software that wrote it; the SHA-256 of names, dtypes, shapes and bytes of all other arrays,
-in the order of the names. So the reader of a file can trust its contents.
+in the order of the names. With it the reader of a file detects damage.
 """
 
 import hashlib
@@ -22,17 +22,17 @@ from sparse_coord_ros.base.limits import ARRAYS, Limit
 from sparse_coord_ros.base.version import __version__
 
 NPZ_FORMAT = 4
-"""Number of the format. It changes where the arrays of any of these files change."""
+"""Number of the format. It changes if the arrays of any of these files change."""
 
 ENTRY = b"PK\x01\x02"
 MOST_ARRAYS = 2**16
-"""What an entry of a zip file's directory begins with; how many there may be."""
+"""The beginning of an entry of a zip file's directory; the most entries."""
 
 MOST_UPDATES = 2**31
 """The compiled loops count in 32 bits."""
 
 LARGEST_VALUE = 1e30
-"""No value that is learned is further from 0: what a scenario pays has limits, far below."""
+"""No learned value is further from 0: the limits of a scenario's rewards are far below."""
 
 HEADERS: Mapping[tuple[int, int], Any] = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -71,8 +71,8 @@ def unpack(
         limit: largest size of its arrays in bytes.
 
     Raises:
-        SparseCoordError: an `error`: it is larger, cannot be read, does not fit its digest, or is
-            in another format.
+        SparseCoordError: an `error`: the file is too large, cannot be read, does not fit its
+            digest, or is in another format.
     """
     try:
         _check_headers(data, limit)
@@ -87,7 +87,7 @@ def unpack(
     except (
         Exception
     ) as failure:  # zip, zlib and NumPy's parser raise any exception for a bad file
-        # no advice to trust it
+        # without NumPy's advice to trust the file
         problem = " ".join(str(failure).split()).partition(". ")[0]
         told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
         raise (damaged or error)(told) from None
@@ -131,17 +131,17 @@ def member(
     *shape: int | None,
     below: int | None = None,
 ) -> np.ndarray:
-    """Return an array that has the type and shape that it must have.
+    """Return an array, checked for its required type and shape.
 
     Args:
-        arrays: those of a file.
-        name: which one.
+        arrays: a file's arrays.
+        name: the array's name.
         kind: its type.
         shape: its shape; None: any size.
         below: its numbers are from 0 to below this; None: any numbers.
 
     Raises:
-        ValueError: it is not there, or something else.
+        ValueError: it is missing, or has another type or shape.
     """
     if name not in arrays:
         raise ValueError(f"has no {name}")

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One colour for each robot, wherever robots are shown: pictures, films, pages, RViz.
 
-The colour-blind tell them apart too; in greyscale the robots' numbers do. The first five are of
-Okabe & Ito (2008), whose vermilion is that of the doorways.
+The colour-blind can tell them apart too; in greyscale the robots' numbers help. The first five are
+from Okabe & Ito (2008), whose vermilion is the doorways' colour.
 """
 
 ROBOT_COLOURS = (
@@ -22,12 +22,12 @@ WALL_COLOUR = "#404040"
 ANSWERED = "answered"
 REFUSED = "refused"
 FAILED = "failed"
-"""How a question ended, as shown: the peer said where it is; it refused; no answer came in time,
-or there was no peer to ask."""
+"""The shown end of a question: the peer answered; it refused; no answer came in time, or there was
+no peer to ask."""
 
 OUTCOME_COLOURS = {ANSWERED: "#009E73", REFUSED: "#D55E00", FAILED: "#888888"}
 OUTCOME_SIGNS = {ANSWERED: "✓", REFUSED: "✗", FAILED: "?"}
-"""What tells the outcomes apart beside colour."""
+"""Signs that distinguish the outcomes without colour."""
 
 EXCHANGE_SIGN = "⇄"
 """Between two robots that exchange their cells."""

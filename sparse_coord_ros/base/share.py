@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the package's data files (`config/`, `maps/`) lie, installed or in a checkout."""
+"""The places of the package's data files (`config/`, `maps/`), installed or in a checkout."""
 
 import json
 import os
@@ -11,9 +11,9 @@ PACKAGE = "sparse_coord_ros"
 
 
 def share_file(folder: str, name: str) -> Path | None:
-    """Return the shipped file `folder/name`, or None where the package ships no such file.
+    """Return the shipped file `folder/name`, or None if the package has no such file.
 
-    A name is a plain one: none leads into another folder.
+    A name must be plain: it cannot lead into another folder.
     """
     if Path(name).name != name:
         return None
@@ -40,7 +40,7 @@ def share_folder(folder: str) -> Path:
     space or /opt/ros/...) is some parent of this file. No ament index is needed.
 
     Raises:
-        FileNotFoundError: the installation is broken: no such folder anywhere.
+        FileNotFoundError: the installation is broken: the folder is missing.
     """
     here = Path(__file__).resolve()
     candidates = [here.parents[2] / folder]

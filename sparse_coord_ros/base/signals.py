@@ -1,13 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The signals that end a process, and how the start of a child process is guarded from them."""
+"""The signals that end a process, and protection of the start of a child process from them."""
 
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""What ends a process well: Ctrl-C, `kill`, and a terminal that is closed (`nohup` ignores it)."""
+"""Signals for an orderly end: Ctrl-C, `kill`, and a closed terminal (`nohup` ignores it)."""
 
 
 @contextmanager
@@ -18,7 +18,7 @@ def held_back(*numbers: signal.Signals) -> Iterator[None]:
     until it lets the signals through itself. Here they arrive afterwards.
 
     Args:
-        numbers: the signals; none: all of `STOPPING`.
+        numbers: the signals; empty: all of `STOPPING`.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers or STOPPING)
     try:

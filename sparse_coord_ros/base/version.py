@@ -1,5 +1,5 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The version of this software, which whatever it writes says."""
+"""The version of this software, which is in all its files."""
 
 __version__ = "1.0.0"

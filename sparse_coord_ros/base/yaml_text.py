@@ -18,7 +18,7 @@ _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def parse_yaml(text: str, **how: Any) -> dict[str, Any]:
-    """Read YAML text whose top level is a mapping; arguments and errors as of `yaml_value`."""
+    """Read YAML text whose top level is a mapping; arguments and errors as in `yaml_value`."""
     data = yaml_value(text, **how)
     if not isinstance(data, dict):
         error = how.get("error", ScenarioError)
@@ -36,7 +36,7 @@ def yaml_value(
 ) -> Any:
     """Read YAML text: mappings, lists, texts, and the numbers and truth values of YAML 1.2.
 
-    Each key is there once. Anchors, aliases and tags are refused.
+    Repeated keys, anchors, aliases and tags are refused.
 
     Args:
         text: the text; an empty one gives None.
@@ -45,7 +45,7 @@ def yaml_value(
         error: the class to raise.
 
     Raises:
-        SparseCoordError: an `error`: it is not YAML, or more than is read.
+        SparseCoordError: an `error`: the text is not YAML, or exceeds the limit.
     """
     if len(text) > limit.bytes:
         size = f"has {len(text):,} letters, allowed for {limit.what}: {limit.bytes:,}"
@@ -117,7 +117,7 @@ def _refusal(problem: str, event: Any) -> yaml.MarkedYAMLError:
 
 
 _DIGITS = 400
-"""Of a whole number: a longer one is read as a float, which is infinite."""
+"""Most digits of a whole number: a longer one is read as a float, which is infinite."""
 
 
 _FLOAT = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
@@ -128,7 +128,7 @@ _CORE = re.compile(
     rf"|(?P<int>[-+]?[0-9]{{1,{_DIGITS}}}|0o[0-7]{{1,{_DIGITS}}}|0x[0-9a-fA-F]{{1,{_DIGITS}}})"
     rf"|(?P<float>{_FLOAT}|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))"
 )
-"""YAML 1.2.2, chapter 10.3.2: what a text without quotation marks is."""
+"""YAML 1.2.2, chapter 10.3.2: the value of a text without quotation marks."""
 
 
 _WORDS = {"null": None, "true": True, "false": False}
@@ -146,7 +146,7 @@ def _plain(text: str) -> Any:
 
 
 class Dumper(yaml.SafeDumper):
-    """Puts texts into quotation marks that either version of YAML takes for something else."""
+    """Quotes texts that either version of YAML would read as another type."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """Write equal parts out in full: anchors are not read."""

@@ -84,7 +84,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _entries(name: str) -> list[Entry]:
-    """Return what an argument names: a file of entries, a folder of runs, or a learner."""
+    """Return the entries of an argument: a file of entries, a folder of runs, or a learner."""
     if name.endswith((".yaml", ".yml")):
         return read_entries(Path(name))
     if Path(name).is_dir():

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What computes runs and where: options, notes on numba, and a line of progress."""
+"""The computation of runs: options, notes on numba, and a line of progress."""
 
 import argparse
 import sys
@@ -31,7 +31,7 @@ COMPUTING = (
         "address of a Dask cluster, e.g. tcp://10.0.0.1:8786 (default: compute on this machine)",
     ),
 )
-"""What computes, and where."""
+"""The options of the engine and the workers."""
 
 
 def computing_of(options: argparse.Namespace) -> dict[str, Any]:
@@ -44,11 +44,11 @@ def computing_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 COMPILING = "compiling the learner, once per machine, about 12 s"
-"""What a first run waits for."""
+"""The reason of a first run's wait."""
 
 
 def first_wait(learners: Iterable[str | Learner], options: argparse.Namespace) -> str:
-    """Return what a batch waits for before the first steps are counted."""
+    """Return the reason why a batch waits before its first steps."""
     if options.scheduler is not None:
         return "waiting for the first results of the cluster"
     for learner in learners:
@@ -60,7 +60,7 @@ def first_wait(learners: Iterable[str | Learner], options: argparse.Namespace) -
 
 
 def note_without_numba() -> None:
-    """Say that numba would make it faster."""
+    """Print a note that numba would make the run faster."""
     note(
         "numba is not installed: computing in plain Python, about 100 times slower; "
         "pip install numba"
@@ -69,13 +69,13 @@ def note_without_numba() -> None:
 
 FIRST_SECONDS = 1.5
 LINE_SECONDS = 15.0
-"""Of work until a first line says what goes on, and until the next one does."""
+"""Seconds of work until the first line on it, and between two lines."""
 
 
 class Bar(ExitStack):
     """Progress on stderr: a line that moves at a terminal, else lines now and then.
 
-    The moving line begins with the first number; before, lines say what goes on.
+    The moving line begins with the first number; before, lines name the work.
 
     Args:
         unit: the counted unit.
@@ -101,7 +101,7 @@ class Bar(ExitStack):
         return super().__enter__()
 
     def _tell(self) -> None:
-        """Say what goes on and for how long, where no moving line does."""
+        """Print the current work and its time so far, if there is no moving line."""
         begun = time.monotonic()
         seconds = FIRST_SECONDS
         while not self._over.wait(seconds):

@@ -9,7 +9,7 @@ from sparse_coord_ros.base.errors import EXIT_FAULT
 from sparse_coord_ros.cli import options as shared
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.ros.nodes.conformance import Judged
+    from sparse_coord_ros.ros.nodes.conformance import ObligationResult
     from sparse_coord_ros.ros.nodes.spin import Stop
 
 EXAMPLE = (
@@ -41,11 +41,11 @@ OPTIONS = (
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb; 1 where the robot breaks an obligation."""
+    """Run the verb; 1 if the robot breaks an obligation."""
     with shared.ros_needed():
         from sparse_coord_ros.ros.nodes.conformance import BROKEN, judge
         from sparse_coord_ros.ros.nodes.spin import exit_code_of
-    found: list[Judged] = []
+    found: list[ObligationResult] = []
 
     def run(stop: "Stop") -> None:
         found.extend(

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord doctor`: is everything here that a run needs, and what to do where it is not."""
+"""`sparse_coord doctor`: check the requirements of a run, and suggest fixes."""
 
 import argparse
 import textwrap
@@ -20,7 +20,7 @@ OPTIONS = (shared.JSON,)
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb; 1 where something is wrong."""
+    """Run the verb; 1 if a check fails."""
     found = []
     for finding in findings():
         found.append(finding)
@@ -33,7 +33,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def findings() -> Iterator[Finding]:
-    """Look at everything, one thing after the other."""
+    """Yield the results of all checks, one after the other."""
     from sparse_coord_ros.ros.doctor import round_trip
 
     yield checks.installation()

@@ -21,7 +21,7 @@ EPISODES = Setting(
     "episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000
 )
 FOLLOWED = 10
-"""Episodes in the picture, the first ones."""
+"""Number of first episodes in the picture."""
 
 DPI = 110
 
@@ -48,7 +48,7 @@ ROWS = (
     ("moves that failed", "{moves_failed} of {moves}", "-"),
     ("drift of the odometry in metres", "{drift:.2f}", "-"),
 )
-"""The rows of the table: what is counted, how the bodies did, what the grid predicts."""
+"""The rows of the table: the quantity, its value for the bodies, and the grid's prediction."""
 
 
 OPTIONS = (

@@ -58,7 +58,7 @@ OPTIONS = (
 
 
 class Evaluated(NamedTuple):
-    """A run, the directory that it is in, and its value."""
+    """A run, its directory, and its value."""
 
     directory: Path
     run: RunConfig
@@ -91,10 +91,10 @@ def evaluated(
     """Evaluate one run.
 
     Args:
-        directory: where it is.
-        trials: Monte-Carlo trials.
+        directory: the run's directory.
+        trials: number of Monte-Carlo trials.
         seed: seed of the trials.
-        exact: whether to compute the measures; None: where that can be.
+        exact: whether to compute the measures exactly; None: if that is possible.
 
     Raises:
         SparseCoordError: the run does not exist, or cannot be evaluated in this way.
@@ -122,7 +122,7 @@ def evaluation_of(
     *,
     exact: bool | None,
 ) -> Evaluation | ExactEvaluation:
-    """Evaluate tables that fit their run; arguments as of `evaluated`."""
+    """Evaluate tables that fit their run; arguments as in `evaluated`."""
     how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
     from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
 
@@ -177,7 +177,7 @@ def paper_row(run: RunConfig) -> dict:
 def result_table(found: Sequence[Evaluated]) -> str:
     """Return the table of runs of one game: ours, the paper's, and the reference values.
 
-    Runs of one learner are told apart by their directories.
+    Directories distinguish the runs of one learner.
     """
     scenario = found[0].run.scenario
     rows = []

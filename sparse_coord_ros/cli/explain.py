@@ -28,6 +28,8 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     from sparse_coord_ros.log.runlog import read_run
     from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
+    from sparse_coord_ros.show.narrator import Narrator
+    from sparse_coord_ros.show.steps import logged_step
 
     wanted = options.step
     log = read_run(options.bag)
@@ -41,20 +43,31 @@ def execute(options: argparse.Namespace) -> None:
         if step is None
         else [one for k in asked for one in explained(log, k, [step])]
     )
-    who = "" if options.robot is None else f"{options.robot}: "
+    interactions = []
+    if step is not None:
+        seen = logged_step(log, log.row_of[step])
+        interactions = Narrator(log.run.scenario).interactions(seen)
+    who = options.robot or "all robots"
     lines = [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")
-        lines.append(f"{who}no COORDINATE from step {wanted} on; the last: {last}")
+        lines.append(f"{who}: no question from step {wanted} on; the last: {last}")
     elif wanted not in (0, step):
-        lines.append(f"{who}no COORDINATE at step {wanted}; the next is at step {step}")
+        lines.append(f"{who}: no question at step {wanted}; the next is at step {step}")
     lines += [line for one in found for line in in_words(log, one)]
+    lines += [f"at the end of step {step}: {sentence}" for sentence in interactions]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
-    tell(options, {"wanted": wanted, "step": step, "coordinations": facts}, *lines)
+    document = {
+        "wanted": wanted,
+        "step": step,
+        "coordinations": facts,
+        "interactions": interactions,
+    }
+    tell(options, document, *lines)
 
 
 def _robots(log, name: str | None) -> list[int]:
-    """Return the numbers of the robots that are asked for."""
+    """Return the numbers of the requested robots."""
     if name is None:
         return list(range(len(log.names)))
     if name not in log.names:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord halt`: stop all robots of a team, or let them continue."""
+"""`sparse_coord halt`: stop all robots of a team at once, or let them continue."""
 
 import argparse
 import time
@@ -25,7 +25,7 @@ OPTIONS = (
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb; 1 where a node has not confirmed it."""
+    """Run the verb; 1 if a node has not confirmed it."""
     with shared.ros_needed():
         from rclpy.node import Node
 

@@ -24,7 +24,7 @@ from sparse_coord_ros.cli import train
 from sparse_coord_ros.cli.imported_map import (
     CELL,
     RADIUS,
-    Made,
+    ImportedMap,
     check_free,
     make,
     write,
@@ -241,7 +241,7 @@ class ImportPage(Controlled):
                 self._begin(TRAIN, files[1])
         self._board.put("problem", text="")
 
-    def _save(self, options: argparse.Namespace, made: Made) -> list[Path]:
+    def _save(self, options: argparse.Namespace, made: ImportedMap) -> list[Path]:
         """Write all files, and return them; a picture gets its YAML file, too."""
         check_free(options, self._plan, replace=self._replace)
         header = self._plan.path

@@ -36,7 +36,7 @@ DPI = 150
 """Of the picture."""
 
 
-class Made(NamedTuple):
+class ImportedMap(NamedTuple):
     """What is made of a floor plan as the options say.
 
     Attributes:
@@ -73,7 +73,7 @@ class Made(NamedTuple):
         }
 
 
-def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
+def make(options: argparse.Namespace, plan: FloorPlan) -> ImportedMap:
     """Make a map and, where there are robots, a scenario as the options say.
 
     Raises:
@@ -92,11 +92,11 @@ def make(options: argparse.Namespace, plan: FloorPlan) -> Made:
     notes = list(imported.notes)
     files = {text: imported.grid.to_text()}
     if not robots:
-        return Made(plan, imported, None, {}, interactions, notes, files)
+        return ImportedMap(plan, imported, None, {}, interactions, notes, files)
     scenario, suggested, odd = scenario_of(imported, robots, given)
     files[scenario_file] = _scenario_text(scenario, given, suggested)
     notes += odd
-    return Made(plan, imported, scenario, suggested, interactions, notes, files)
+    return ImportedMap(plan, imported, scenario, suggested, interactions, notes, files)
 
 
 def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
@@ -124,7 +124,7 @@ def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
     )
 
 
-def write(options: argparse.Namespace, made: Made) -> Path:
+def write(options: argparse.Namespace, made: ImportedMap) -> Path:
     """Write the files, and the picture, whose path is returned."""
     picture = _paths(options)[-1]
     picture.parent.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,7 @@ def run(
 
     Args:
         values: some of `TEAM_PARAMETERS`, as texts or typed.
-        processes: every node in its own process instead of all in this one.
+        processes: whether every node has its own process; else all are in this one.
         quiet: no progress lines.
         page: the board of a page that shows the team in this process; None: none.
         stop: catches the signals that end the run; None: one of its own.
@@ -77,18 +77,18 @@ def run(
 def sole_team() -> socket.socket:
     """Hold this machine's ROS domain until the returned socket is closed.
 
-    Of two teams started at once one is refused as a whole: node by node their claims would give
+    Of two teams that start at once, one is refused completely: claims, node by node, would give
     each of them some of the names.
 
     Raises:
-        RunError: another `sparse_coord run` of this user holds it, or the number is no domain.
+        RunError: another `sparse_coord run` of this user holds it, or the number is not a domain.
     """
     domain = ros_domain()
     holder = socket.socket(socket.AF_UNIX)
-    try:  # an abstract address: it leaves no file, and is gone with its process
+    try:  # an abstract address: it leaves no file, and ends with its process
         holder.bind(f"\0sparse_coord_{os.getuid()}_domain_{domain}")
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:  # else no abstract addresses
+        if error.errno == errno.EADDRINUSE:  # else the system has no abstract addresses
             holder.close()
             raise RunError(
                 f"ROS domain {domain}: another process runs a team in it; wait for its end, or "
@@ -149,7 +149,7 @@ def _start(
 def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
     """Wait for all processes; return whether they were stopped early.
 
-    The others go on without a recorder that has begun its bag; a world that all robots have left
+    The other processes continue without a recorder that has begun its bag; a world without robots
     is ended.
 
     Raises:
@@ -161,14 +161,14 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
     ]
     last_robot = time.monotonic()
     while True:
-        # before what they say
+        # asked before their exit codes
         running = any(one.poll() is None for one in processes.values())
         _check(
             {n: p for n, p in processes.items() if n != RECORDER or not bag.exists()},
             running,
         )
         if not running:
-            # where all processes heard the signal, they have ended by themselves
+            # if all processes received the signal, they have ended by themselves
             return bool(stop)
         if world.poll() is not None or any(robot.poll() is None for robot in robots):
             last_robot = time.monotonic()
@@ -182,7 +182,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
 
 
 def _check(needed: Mapping[str, Process], running: bool) -> None:
-    """Raise `RunError` where a process that the others need has failed."""
+    """Raise `RunError` if a process that the others need has failed."""
     codes = {name: code for name, process in needed.items() if (code := process.poll())}
     if EXIT_BAD_INPUT in codes.values():
         raise RunError("a node stopped because of bad input (see its line above)")
@@ -194,7 +194,7 @@ def _check(needed: Mapping[str, Process], running: bool) -> None:
 
 
 def _end(processes: Collection[Process]) -> None:
-    """Ask the processes that still run to end, the world first; kill what does not."""
+    """Ask the running processes to end, the world first; kill those that do not."""
     deadline = time.monotonic() + GRACE_SECONDS
     for process in processes:
         if process.poll() is None:

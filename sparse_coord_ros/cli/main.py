@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {_in_words(error)}", file=sys.stderr, flush=True)
         return getattr(error, "exit_code", EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        # impatience brings no traceback at the exit
+        # a repeated Ctrl-C gives no traceback at the exit
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         print("interrupted", file=sys.stderr, flush=True)
         return EXIT_INTERRUPTED
@@ -113,7 +113,7 @@ def _in_words(error: Exception) -> str:
 
 @contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM, and SIGHUP unless it is ignored, do what Ctrl-C does."""
+    """Handle SIGTERM, and SIGHUP unless it is ignored, as Ctrl-C."""
     hung_up = (
         [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN else []
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord maps`: the maps that the package ships, or one of them."""
+"""`sparse_coord maps`: the shipped maps, or one of them."""
 
 import argparse
 
@@ -58,7 +58,7 @@ def _in_words(grid: GridMap) -> str:
 
 
 def map_of(name: str) -> GridMap:
-    """Return a map; that of a scenario file or of a generated building too."""
+    """Return a map; the name may also be a scenario file or a generated building."""
     if name.endswith((".yaml", ".yml")) or building(name) is not None:
         return load_scenario(name).map
     return load_map(name)

@@ -24,11 +24,11 @@ FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
     *("checkpoint", "tables", "greedy", "improve", "no_record"),
 )
-"""What a run that is resumed has already, by the options' names in the namespace."""
+"""Options that a resumed run has already, by their names in the namespace."""
 
 
 def ros_needed(alternative: str | None = None) -> AbstractContextManager[None]:
-    """Import ROS 2; a RunError where it is missing names a command that does without it."""
+    """Import ROS 2; if it is missing, the RunError names a command that does not need it."""
     ways = [
         "source a ROS 2 Jazzy installation",
         "install this package with the extra 'ros' (pip install '.[ros]')",
@@ -41,11 +41,11 @@ class Option(NamedTuple):
     """An option or an argument of a verb.
 
     Attributes:
-        words: its name and what stands for its value, as usage lines have it: "--out FILE",
-            "[bag BAG]" where it can be left out, "learners LEARNER..." where there can be several.
-        kind: bool: a flag; a `Setting`: its values, with its default, and needed where it has
-            none; a tuple of texts: one of these, the first by default; else what reads the value:
-            a type, a function, or None for a text; without a default.
+        words: its name and the placeholder of its value, as in usage lines: "--out FILE", "[bag
+            BAG]" if it is optional, "learners LEARNER..." if there can be several.
+        kind: bool: a flag; a `Setting`: its values, with its default, and required without one; a
+            tuple of texts: one of these, the first by default; else the reader of the value: a
+            type, a function, or None for a text; without a default.
         help: its help text.
         more: further arguments of `add_argument`; and `names`, the completions of the Tab key.
     """
@@ -106,7 +106,7 @@ PAGE = (
     *PAGE_SETTINGS.values(),
     Option("--browser", bool, "open the page in the browser"),
 )
-"""Where the page is served."""
+"""The options of the page's address."""
 
 WATCH = (
     Option(
@@ -169,10 +169,10 @@ def run_options(resume: str) -> tuple[Option | Setting, ...]:
 
 
 def nothing_else_given(options: argparse.Namespace) -> None:
-    """Refuse what would change a run that is resumed.
+    """Refuse options that would change a resumed run.
 
     Raises:
-        RunError: something is given beside --resume.
+        RunError: another option is given with --resume.
     """
     names = {name: f"--{name.replace('_', '-')}" for name in FIXED}
     names |= {"scenario": "SCENARIO", "assignments": "--set"}
@@ -205,8 +205,8 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
     """Return the scenario that the options describe.
 
     Raises:
-        RunError: none is given.
-        ScenarioError: no such scenario, or a malformed one.
+        RunError: no scenario is given.
+        ScenarioError: the scenario does not exist, or is malformed.
         SettingError: a bad --set, --penalty or --steps.
     """
     if options.scenario is None:
@@ -228,11 +228,11 @@ def note(text: str) -> None:
 def tell(options: argparse.Namespace, facts: Any, *lines: str) -> None:
     """Print the result of a verb: lines, or with --json one JSON object of the facts.
 
-    Facts may hold records and paths; numbers that are none (NaN) are null.
+    Facts may contain records and paths; NaN becomes null.
     """
     if options.json:
         lines = (json.dumps(_plain(facts), indent=2, allow_nan=False),)
-    print("\n".join(lines), flush=True)  # an error comes after it, wherever both go
+    print("\n".join(lines), flush=True)  # so that a later error comes after it
 
 
 def _plain(data: Any) -> Any:
@@ -251,7 +251,7 @@ def _plain(data: Any) -> Any:
 
 
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a text table, first column left, others right; its cells may be strangers' words."""
+    """Return a text table, first column left, others right; its cells may be foreign texts."""
     table = [list(map(in_line, row)) for row in (head, *rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     table.insert(1, ["-" * width for width in widths])

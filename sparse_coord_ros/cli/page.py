@@ -27,7 +27,7 @@ OPENING_SECONDS = 60.0
 """A browser opens a page within this time."""
 
 CLOSING_SECONDS = 3.0
-"""A page that is loaded anew is there again within this time."""
+"""A reloaded page opens again within this time."""
 
 
 @contextmanager
@@ -74,7 +74,7 @@ def ending(options: argparse.Namespace, server: "Server") -> Callable[[], bool]:
 
 
 class Closing:
-    """Finds out when the pages of a server were closed, or that no page was opened at all.
+    """Detects that all pages of a server are closed, or that no page was opened.
 
     Args:
         server: of the pages.
@@ -92,13 +92,13 @@ class Closing:
         return now >= self._deadline
 
 
-class Wishes(Controlled):
-    """The source between two runs: hears which run is wanted next."""
+class RunChoice(Controlled):
+    """The source between two runs: receives the choice of the next run."""
 
     next: Mapping[str, Any] | None = None
 
     def control(self, control: Control) -> None:
-        """Take note of a wish; called from the server's thread."""
+        """Note the choice; called from the server's thread."""
         if control.name != NEXT:
             raise RunError("the run is over: choose the next one")
         self.next = control.value
@@ -152,15 +152,15 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
 
     Args:
         server: of the page.
-        stop: whether to wait no longer, asked several times a second.
+        stop: returns whether to stop waiting; called several times a second.
 
     Returns:
         The scenario's name and the penalty, as settings.
 
     Raises:
-        KeyboardInterrupt: on Ctrl-C, or where `stop` says so.
+        KeyboardInterrupt: on Ctrl-C, or if `stop` returns True.
     """
-    wishes = Wishes()
+    wishes = RunChoice()
     server.board.source = wishes
     note(
         f"the run is over; the page stays at {server.address}: start the next run there, or end "

@@ -14,11 +14,11 @@ from sparse_coord_ros.base.files import import_apart, write_whole
 from sparse_coord_ros.cli import options as shared
 
 KINDS = (".png", ".svg", ".pdf")
-"""How the names of pictures end."""
+"""The ends of the names of pictures."""
 
 
 def out_option(kinds: Sequence[str]) -> shared.Option:
-    """Return --out, which is needed."""
+    """Return --out, which is required."""
     where = f"output file; its name ends in {' or '.join(kinds)}"
     return shared.Option("--out FILE", Path, where, {"required": True})
 
@@ -28,10 +28,10 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
 
     Args:
         path: the file.
-        kinds: how its name may end; empty: in any way.
+        kinds: the allowed ends of its name; empty: any.
 
     Raises:
-        SettingError: its name ends otherwise.
+        SettingError: its name has another end.
         RunError: it cannot be written.
     """
     kind = path.suffix.lower()
@@ -57,7 +57,7 @@ def write(options: argparse.Namespace, data: bytes | str, **said: object) -> Non
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Turn a missing package into one line, and keep Matplotlib's warnings to itself.
+    """Turn a missing package into one line, and suppress Matplotlib's warnings.
 
     Raises:
         RunError: a package is missing.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord recover`: a whole bag from one that a crash or a bad disk left behind."""
+"""`sparse_coord recover`: a whole bag from one that a crash or a bad disk has damaged."""
 
 import argparse
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from sparse_coord_ros.log.bags.gaps import gap_lines
 from sparse_coord_ros.log.bags.recover import Recovery, recover
 
 EXIT_LOST = 1
-"""Exit code where a part of the original could not be restored."""
+"""Exit code if a part of the original could not be restored."""
 
 EXAMPLE = (
     "sparse_coord recover runs/demo/bag\n\n"

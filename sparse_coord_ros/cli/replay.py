@@ -9,9 +9,9 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.options import BAG, Option, ros_needed
 
 NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
-"""What the player's parameters are called here."""
+"""Names of the player's parameters on the command line."""
 PARAMETER = re.compile(r"^(?:node player: )?parameter (\w+)")
-"""What names one at the begin of an error."""
+"""The name of one at the beginning of an error."""
 
 EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord report`: all that there is to tell of a run or of results, as one page."""
+"""`sparse_coord report`: an HTML report of a run or of results."""
 
 import argparse
 from pathlib import Path

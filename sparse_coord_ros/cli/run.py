@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
 VERDICT_TRIALS = 200
-"""Of the last word, where it cannot be computed."""
+"""Trials of the verdict, if it cannot be computed exactly."""
 
 EXAMPLE = (
     "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"

@@ -20,14 +20,14 @@ from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS
 
 WIDEST = 100
-"""Characters of a line."""
+"""Most characters of a line."""
 
 wrap = partial(
     textwrap.wrap, width=WIDEST, break_long_words=False, break_on_hyphens=False
 )
 
 GROUPS = ("scenario", "questions", "protocol", "run", "drive", "learners")
-"""Groups that there are without ROS 2, too."""
+"""Groups that exist also without ROS 2."""
 
 EXAMPLE = "sparse_coord settings\n  sparse_coord settings link starts"
 
@@ -38,7 +38,7 @@ class Entry(NamedTuple):
     Attributes:
         lines: its description, the first line beside its name.
         forms: the forms of its value, one per line; shown if it is requested by name.
-        facts: plain data of it.
+        facts: its plain data.
     """
 
     lines: list[str]
@@ -82,7 +82,7 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
-    """Yield name, title and entries of each group, in the order in which they are shown."""
+    """Yield name, title and entries of each group, in the order of the output."""
     by_hand = "--set NAME=VALUE; in a scenario file; ROS parameters of the world"
     others = [name for name in SETTINGS if name not in (*DIALOGUE_SETTINGS, *PROTOCOL)]
     for group, about, names in (

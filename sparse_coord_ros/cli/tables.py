@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord tables`: the tables of a checkpoint, taken out of a bag."""
+"""`sparse_coord tables`: extract the tables of a checkpoint from a bag."""
 
 import argparse
 from pathlib import Path

@@ -24,8 +24,8 @@ from sparse_coord_ros.core.engine.training import (
     EVERY_TRIALS,
     Watcher,
     engine_for,
+    pays_to_compile,
     train,
-    worth_compiling,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
@@ -49,7 +49,7 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
-"""What this verb writes."""
+"""The files that this verb writes."""
 
 TRIALS = Setting(
     "trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000
@@ -166,7 +166,7 @@ def _learn_there(
             board.source = view
         done = _trained(options, out, run, view)
         _save(out, done)
-    except RunError:  # of the checkpoint; it says itself what to do
+    except RunError:  # of the checkpoint; its text has the remedy
         raise
     except BaseException as error:
         if view is not None:
@@ -199,7 +199,7 @@ def _trained(
 
 
 def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> None:
-    """Say how to go on after an error or interrupt; without a checkpoint, remove the run.
+    """Print how to continue after an error or interrupt; without a checkpoint, remove the run.
 
     Raises:
         RunError: the error is one of the file system.
@@ -218,10 +218,10 @@ def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> Non
 
 
 def _remove(out: Path) -> None:
-    """Remove what this verb wrote into its directory, and the directory where that was all."""
+    """Remove this verb's files from its directory, and the directory if it is empty then."""
     for name in FILES:
         (out / name).unlink(missing_ok=True)
-    with suppress(OSError):  # it holds files of others
+    with suppress(OSError):  # it contains other files
         out.rmdir()
 
 
@@ -236,7 +236,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     if options.json:
         return engine
     missed = options.engine == "auto" and not has_numba()
-    if missed and worth_compiling(run.scenario, run.rule):
+    if missed and pays_to_compile(run.scenario, run.rule):
         note_without_numba()
     return engine
 
@@ -305,7 +305,7 @@ def tips(scenario: Scenario, done: Training) -> list[str]:
 
     Args:
         scenario: the problem.
-        done: the run, in which they did not.
+        done: the run, in which they do not.
     """
     moves = max(
         int(scenario.map.distances_to(r.goal)[r.start]) for r in scenario.robots

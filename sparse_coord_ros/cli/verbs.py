@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The verbs, and a parser whose errors are one line; nothing that takes time to import."""
+"""The verbs, and a parser whose errors are one line; it has only fast imports."""
 
 import argparse
 import importlib
@@ -49,23 +49,23 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "conformance": "check whether your robot node follows the interface",
     },
 }
-"""Every verb and what it does, in groups; its module is imported where it is chosen."""
+"""Every verb with its description, in groups; its module is imported if it is chosen."""
 
 VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
 LIVE = ("run", "replay", "halt", "conformance")
-"""Verbs that run ROS nodes, which mind signals by themselves."""
+"""Verbs that run ROS nodes, which handle signals by themselves."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, and to which -3,2 is a value, not an option."""
+    """A parser whose errors are one line; it reads -3,2 as a value, not as an option."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self._negative_number_matcher = re.compile(r"^-[\d.]")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As of argparse; but no word may be left over, and the nearest right one is told."""
+        """As argparse; but unknown words are an error, which suggests the nearest right one."""
         found, left = super().parse_known_args(args, namespace)
         if left:
             options = [word.partition("=")[0] for word in left if word.startswith("-")]
@@ -74,7 +74,7 @@ class Parser(argparse.ArgumentParser):
         return found, left
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """As of argparse; the nearest right word is told."""
+        """As argparse; the error suggests the nearest right word."""
         if action.choices is not None and value not in action.choices:
             known = [str(one) for one in action.choices]
             what = f"invalid choice: {value!r}{did_you_mean(str(value), known)}"

@@ -48,7 +48,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _account(found) -> Iterator[str]:
-    """Yield the lines about the run, the amount that was computed, and the notes."""
+    """Yield the lines on the run, the amount of computation, and the notes."""
     log = found.log
     yield str(log.bag.path)
     if log.bag.damage is not None and not log.bag.gaps:
@@ -81,7 +81,7 @@ def _account(found) -> Iterator[str]:
 
 
 def _answer(found, shown: int | None) -> Iterator[str]:
-    """Yield the lines of the answer: identical, differs, or undecided."""
+    """Yield the lines of the result: identical, differs, or undecided."""
     if found.same:
         yield "identical: every state, reward, percept, action and table agrees"
         yield f"not compared: {NOT_COMPARED}"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord watch`: a team that learns, on a page in the browser."""
+"""`sparse_coord watch`: a learning team on a page in the browser."""
 
 import argparse
 from contextlib import suppress

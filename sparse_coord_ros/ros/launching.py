@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch descriptions of a team, its bodies, or their drivers; needs launch and ROS.
 
-A launch is a guest in the user's system. An argument wins over the parameter file, also if it
-equals the default. A misspelt value ends the launch in one line; a misspelt name gets a warning.
-Nodes go into the namespace in which the launch file was included. A team that fails ends alone.
+An argument wins over the parameter file, also if it equals the default. A misspelt value ends the
+launch in one line; a misspelt name gets a warning. Nodes go into the namespace in which the launch
+file was included. A failed team ends alone: the rest of a user's launch continues.
 """
 
 import sys
@@ -79,11 +79,11 @@ ARGUMENTS = SettingTable(
         ),
     ]
 )
-"""Arguments of a team's launch. One that is not given is left to the parameter file."""
+"""Arguments of a team's launch. The parameter file sets arguments that are not given."""
 
 
 class TeamFailed(Event):
-    """A team has ended, and nodes of it had failed: for launch files that include this one.
+    """A team has ended with failed nodes: an event for launch files that include this one.
 
     Args:
         namespace: of the team.
@@ -137,7 +137,7 @@ def described(
         given.update({name: found[name] for name in arguments if found.get(name)})
 
     def go_on(context: LaunchContext) -> list[Any]:
-        """Launch; the defaults are taken away: to the next launch file they would be given."""
+        """Launch, without the defaults: the next launch file would count them as given."""
         for name in arguments.keys() - given.keys():
             context.launch_configurations.pop(name, None)
         if _is_own(file):
@@ -162,9 +162,9 @@ def _is_own(file: str) -> bool:
 
 
 def warn_of_unknown(arguments: Iterable[str]) -> None:
-    """Warn of arguments on the command line that no argument of the launch file is called.
+    """Warn of unknown arguments on the command line.
 
-    `ros2 launch` takes them all, as they may be meant for launch files that this one includes.
+    `ros2 launch` accepts any, as they may be for launch files that this one includes.
     """
     known = list(arguments)
     for word in sys.argv:
@@ -180,7 +180,7 @@ class LaunchedTeam:
 
     Args:
         table: the launch's arguments.
-        given: the texts of those that are given.
+        given: the texts of the given arguments.
         file: the launch file's name.
         context: of the launch.
 
@@ -241,16 +241,16 @@ class LaunchedTeam:
         return self.given.get(name, self._arguments[name].default)
 
     def of_world(self, name: str) -> Any:
-        """Return an argument, else the world's value in the parameter file, else its default."""
+        """Return a given argument, else the world's value in the file, else the default."""
         return self.given.get(name, self._in_file.get(name, self.get(name)))
 
     def of(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return those of some arguments that were given."""
+        """Return the given ones of some arguments."""
         return {name: self.given[name] for name in names if name in self.given}
 
     @property
     def _remapped(self) -> list[tuple[str, str]]:
-        """What names are to be: ROS's clocks follow /clock, whatever namespace a node is in."""
+        """The remapped names: ROS's clocks follow /clock, in any namespace."""
         return [("/clock", CLOCK.name)] if self.own_clock else []
 
     def add_team(self, **more: Any) -> None:
@@ -336,7 +336,7 @@ class LaunchedTeam:
         return [actions.EmitEvent(event=TeamFailed(self._namespace, self._failed))]
 
     def add_views(self) -> None:
-        """Add RViz, and write Foxglove's layout, where they are asked for.
+        """Add RViz, and write Foxglove's layout, if the arguments request them.
 
         Raises:
             RunError: RViz is not installed.
@@ -390,7 +390,7 @@ def one_for_each(argument: str, text: str, robots: Iterable[str]) -> list[str]:
     """Return an argument's value for each robot, separated by commas; empty: their names.
 
     Raises:
-        SettingError: it says too little or too much.
+        SettingError: the number of values is wrong.
     """
     names = list(robots)
     said = [one.strip(" /") for one in text.split(",") if one.strip(" /")]
@@ -403,7 +403,7 @@ def one_for_each(argument: str, text: str, robots: Iterable[str]) -> list[str]:
 
 
 def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, Any]:
-    """Return texts as values; those that may name code stay texts, for the nodes to read.
+    """Return texts as values; settings that may name code stay texts, for the nodes to read.
 
     Raises:
         SettingError: an unknown name or a bad value.
@@ -418,12 +418,12 @@ def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, 
 
 
 def _shown(default: Any) -> str:
-    """Return a default as an argument says it."""
+    """Return a default as the text of an argument."""
     return str(default).lower() if isinstance(default, bool) else str(default)
 
 
 def _of_world(file: str) -> dict[str, Any]:
-    """Return the world's parameters in a file, those for all nodes included."""
+    """Return the world's parameters in a file, including the parameters for all nodes."""
     said: dict[str, Any] = {}
     if file:
         remedy = "give params_file a ROS parameter file"

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Doorways, rooms and shortest paths of a map, to describe robots' positions.
 
-A doorway is here a largest set of doorway cells beside each other. A room is a largest set of
-other cells with ways between them that lead through no doorway.
+Here a doorway is a largest connected set of doorway cells. A room is a largest set of other cells
+that ways without doorways connect.
 """
 
 from functools import lru_cache
@@ -13,10 +13,10 @@ import numpy as np
 from sparse_coord_ros.core.game.grid import GridMap, moves_to, regions
 
 NO_WAY = 2**29
-"""Number of moves where there is no way. The sum of two such numbers is still an int32."""
+"""Number of moves without a way. The sum of two such numbers is still an int32."""
 
 KEPT_BYTES = 20_000_000
-"""Memory for distances between cells that are kept for the next question."""
+"""Memory for distances between cells that are kept for later calls."""
 
 
 class Doorways:
@@ -29,7 +29,7 @@ class Doorways:
         count: number of doorways.
         of: number of the doorway of each cell, from 0; -1 outside of doorways; shape (cells,).
         room: number of the room of each cell, from 0; -1 inside of doorways; shape (cells,).
-        near: of each doorway the cells at most one move away, its own included, ascending.
+        near: for each doorway the cells at most one move away, its own included, ascending.
     """
 
     def __init__(self, grid: GridMap) -> None:
@@ -74,7 +74,7 @@ class Doorways:
         return found
 
     def _moves_around(self, door: int, cell: int) -> np.ndarray:
-        """Return the moves between a cell and each cell, or -1, where a doorway is closed."""
+        """Return the moves from a cell to each cell, with one doorway closed; -1: no way."""
         closed = self.cells_of[door].tolist()
         return moves_to(self._grid.next_cell, cell, closed).astype(np.int32)
 
@@ -83,8 +83,8 @@ class Doorways:
 
         Args:
             door: the doorway.
-            cell: where the way begins.
-            moves: from each cell to its end, as of `moves_to`.
+            cell: the beginning of the way.
+            moves: from each cell to its end, as from `moves_to`.
         """
         there = self._part_of == door
         passed = self.moves_to(cell)[self._cells[there]] + moves[self._cells[there]]
@@ -94,8 +94,8 @@ class Doorways:
         """Return the moves from a cell to each doorway on a shortest way; `NO_WAY` for the others.
 
         Args:
-            cell: where the ways begin.
-            moves: from each cell to their end, as of `moves_to`.
+            cell: the beginning of the ways.
+            moves: from each cell to their end, as from `moves_to`.
         """
         to = self.moves_to(cell)[self._cells]
         passed = (to + moves[self._cells] == moves[cell]) & (moves[cell] < NO_WAY)
@@ -109,11 +109,11 @@ class Doorways:
         return np.asarray(own + self.moves_to(other)[self._cells])
 
     def side(self, door: int, cell: int, other: int) -> str:
-        """Return the side of a doorway that another cell is on; empty where that is not clear.
+        """Return another cell's side of a doorway; empty if it is not clear.
 
         Args:
             door: the doorway.
-            cell: where the observer is, outside of that doorway.
+            cell: the observer's cell, outside of that doorway.
             other: the other cell, outside of that doorway.
         """
         rooms = self.room[cell], self.room[other]
@@ -123,7 +123,8 @@ class Doorways:
         if passed[self._part_of == door].min() > moves:
             same = rooms[0] == rooms[1] and passed.min() > moves
             return "on this side" if same and not inside else ""
-        # Two rooms that a doorway joins are on two sides of it, whatever other doorways join them.
+        # Two rooms that a doorway joins are on two sides of it, even if other doorways join them
+        # too.
         joined = (
             not inside and rooms[0] != rooms[1] and self._rooms[door].issuperset(rooms)
         )

@@ -26,7 +26,7 @@ BUSIEST = "asks"
 """The episode with the most questions among those that end well."""
 
 PLAYED = 100
-"""Greedy episodes among which LAST, BEST and BUSIEST choose."""
+"""Number of greedy episodes for LAST, BEST and BUSIEST."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Episode:
     """The transitions of one episode.
 
     Attributes:
-        number: of the episode, from 0.
-        greedy: whether it was played on learned tables, not learned in.
+        number: its number, from 0.
+        greedy: True: played on learned tables; False: an episode of learning.
         steps: its transitions; each leads to `after`.
         arrived: whether all robots reached their goals.
     """
@@ -69,7 +69,8 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
         log: the log.
         wanted: its number; LAST: the last whole one; BEST: the one with the highest return, then
             the shortest, then the latest, among those from the scenario's own starts (else among
-            all) in which all arrive; BUSIEST: the same by the number of questions.
+            all) in which all arrive; BUSIEST: the same with the number of questions in place of
+            the return.
 
     Raises:
         RunError: the episode does not exist.
@@ -101,9 +102,9 @@ def played_episode(
 
     Args:
         scenario: the problem.
-        tables: of every robot.
-        wanted: its number, below `PLAYED`, or what `logged_episode` takes.
-        seed: of its draws.
+        tables: the tables of every robot.
+        wanted: its number, below `PLAYED`, or a word as in `logged_episode`.
+        seed: seed of its draws.
         learner: the learner whose greedy policy acts; None: that of the tables.
 
     Raises:
@@ -140,7 +141,7 @@ def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> 
     """Return an episode's number.
 
     Args:
-        wanted: as of `logged_episode`.
+        wanted: as in `logged_episode`.
         history: the episodes.
         own: whether each began at the scenario's starts, shape (episodes,), bool.
         where: name of their source in an error.

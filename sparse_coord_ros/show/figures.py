@@ -30,16 +30,16 @@ from sparse_coord_ros.studies.report.charts import embedded
 from sparse_coord_ros.studies.report.map_pictures import COLOUR_MAP, draw_map
 
 LINE_WIDTH = 11.0
-"""Inches that a line of panels may take."""
+"""Greatest width of a line of panels, in inches."""
 
 LEAST_FIGURE_WIDTH = 4.0
-"""Inches of the narrowest figure."""
+"""Least width of a figure, in inches."""
 
 CURVE = (2.75, 2.5)
 """Width and height of a panel with a curve, in inches."""
 
 LEAST_PANEL_WIDTH = 2.8
-"""Inches of the narrowest panel with a map."""
+"""Least width of a panel with a map, in inches."""
 
 POLICY_MAP = 3.4
 SHADED_MAP = 2.8
@@ -47,27 +47,27 @@ SMALLEST_FIGURE_CELL = 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
 
 SCALE_SIZE = 0.8
-"""Inches that a scale of colours takes with its label, beside a map or below it."""
+"""Inches of a scale of colours with its label, beside a map or below it."""
 
 SCALE_THICKNESS = 0.1
 LONGEST_SCALE = 2.8
-"""Inches of the scale itself."""
+"""Greatest length of the scale itself, in inches."""
 
 WIDE_MAP = 1.8
-"""How many times as wide as high a map is at least that has its scale below."""
+"""Least ratio of width to height of a map with its scale below."""
 
 TITLE_SIZE = 10
 SMALL_TITLE_SIZE = 8
 """Points of the titles of maps."""
 
 LETTERS = 120
-"""Letters in an inch of a text of one point; of larger letters as many less."""
+"""Letters in an inch of a text of one point; larger letters in proportion."""
 
 HIGHEST_RATIO = 2.0
-"""How many times as high as the lowest panel of a line the highest one may be."""
+"""Greatest ratio of the heights of the highest and the lowest panel of a line."""
 
 MOST_POINTS = 1000
-"""Points of a curve; of longer ones some are left out, evenly."""
+"""Most points of a curve; longer ones are thinned evenly."""
 
 LINES = (
     "-",
@@ -90,23 +90,23 @@ CURVES: Mapping[str, str] = {
     "miscoordinations": "miscoordinations\nof an episode",
     "asks": "questions of a robot\nin an episode",
 }
-"""The learning curves, and how their axes are called."""
+"""The learning curves, and the labels of their axes."""
 
 SOME_CURVES: Mapping[str, Sequence[str]] = {
     "curves": tuple(CURVES),
     "coordination": ("miscoordinations", "asks"),
     "length": ("length",),
 }
-"""Which learning curves each name draws."""
+"""The learning curves of each name."""
 
 WHATS = ("policy", "asks", "sparsity", "curves", "percepts", "coordination", "length")
-"""What can be drawn of a run."""
+"""The figures of a run."""
 
 
 ARROW: dict[str, Any] = {"angles": "xy", "units": "xy", "scale_units": "xy", "scale": 1}
 ARROW |= {"width": 0.05, "linewidth": 0.9, "zorder": 3}
 ARROW |= {"headwidth": 4, "headlength": 3.4, "headaxislength": 3}
-"""How a greedy move is drawn."""
+"""The arrow of a greedy move."""
 
 
 class Panel(NamedTuple):
@@ -114,9 +114,9 @@ class Panel(NamedTuple):
 
     Attributes:
         width: least width in inches.
-        height: in inches.
+        height: height in inches.
         draw: draws it.
-        stretches: whether it may be wider; maps may not.
+        stretches: whether it may become wider; maps may not.
     """
 
     width: float
@@ -126,7 +126,7 @@ class Panel(NamedTuple):
 
 
 def literal(text: str) -> str:
-    """Return a text from outside so that Matplotlib prints it as it is, not as a formula."""
+    """Return a foreign text so that Matplotlib prints it unchanged, not as a formula."""
     return text.replace("$", r"\$")
 
 
@@ -135,7 +135,7 @@ def runs_figure(runs: Sequence[OpenedRun], whats: Sequence[str]) -> Figure:
 
     Args:
         runs: the runs, at least one.
-        whats: of `WHATS`, in the order in which they are to appear.
+        whats: some of `WHATS`, in the order of the figure.
 
     Raises:
         SparseCoordError: a run lacks data to draw.
@@ -193,11 +193,11 @@ def names_of(runs: Sequence[OpenedRun]) -> list[str]:
 
 
 def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
-    """Return the figures to draw, from names between commas; None: all that every run has.
+    """Return the figures to draw, from names between commas; None: all figures of every run.
 
     Raises:
         SettingError: an unknown name.
-        SparseCoordError: the first run has nothing that can be drawn.
+        SparseCoordError: the first run has no figure.
     """
     if text is None:
         there = [available(run) for run in runs]
@@ -216,9 +216,9 @@ def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
 
 
 def _groups(what: str, runs: Sequence[OpenedRun]) -> Iterator[list[Panel]]:
-    """Yield the panels of one thing to be drawn, in groups that share a line where they fit.
+    """Yield the panels of one figure, in groups that share a line if they fit.
 
-    Curves show all runs in one panel; of maps there is a group a run.
+    Curves show all runs in one panel; maps have a group for each run.
     """
     labels = names_of(runs)
     if what in SOME_CURVES:
@@ -306,7 +306,7 @@ def _put_title(
 
 
 def _map_size(shown: OpenedRun, longest: float) -> tuple[float, float]:
-    """Return width and height of a map, in inches, whose longer side has about a length."""
+    """Return width and height of a map, in inches, from the wanted length of its longer side."""
     rows, columns = shown.config.scenario.map.shape
     cell = max(SMALLEST_FIGURE_CELL, longest / max(rows, columns))
     return columns * cell, rows * cell
@@ -330,10 +330,10 @@ def _policy(shown: OpenedRun, label: str) -> Iterator[Panel]:
 def _draw_policy(
     shown: OpenedRun, robots: Sequence[int], title: str, axes: Axes, *, key: bool = True
 ) -> None:
-    """Draw robots' greedy moves as arrows and where they ask as rings.
+    """Draw robots' greedy moves as arrows, and the cells where they ask as rings.
 
-    Cells that a robot never reaches in greedy episodes are pale. The arrows of every second
-    robot are hollow and its rings dashed: in greyscale its colour may be another one's, pale.
+    Cells that a robot never reaches in greedy episodes are pale. The arrows of every second robot
+    are hollow and its rings dashed: in greyscale its colour may look like another one's, pale.
     """
     scenario = shown.config.scenario
     draw_map(axes, scenario, label_height=0.14)
@@ -401,8 +401,8 @@ def _shaded(
 ) -> Iterator[Panel]:
     """Yield a map for each row of values, shape (maps, cells), that shade its cells.
 
-    All have one scale, from 0 to `most`, which stands beside the last of them; below it if the
-    map is much wider than high.
+    All have one scale, from 0 to `most`, beside the last map, or below it if the map is much wider
+    than high.
     """
     norm = Normalize(0, most or 1.0)
     for own, title in zip(values, titles, strict=True):
@@ -468,7 +468,7 @@ def _draw_scale(
 
 
 def _asked_by_cell(shown: OpenedRun) -> np.ndarray:
-    """Return COORDINATE in a greedy episode, shape (maps, cells): a map a robot, or one of all."""
+    """Return COORDINATE in a greedy episode, shape (maps, cells): a map for each robot, or one."""
     asked: np.ndarray = shown.trials.asked / PLAYED_EPISODES
     return asked if len(asked) <= 2 else asked.sum(axis=0, keepdims=True)
 
@@ -547,7 +547,7 @@ def _window(shown: OpenedRun) -> int:
 
 
 def thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return at most `MOST_POINTS` points of a curve, evenly chosen, both ends among them."""
+    """Return at most `MOST_POINTS` points of a curve, evenly chosen, with both ends."""
     count = min(len(steps), MOST_POINTS)
     kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
     return steps[kept], values[kept]
@@ -558,7 +558,7 @@ def _percepts(shown: OpenedRun, label: str) -> Iterator[Panel]:
 
 
 def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
-    """Draw how often was asked over time, and how it ended: stacked bars."""
+    """Draw the number of questions over time, by their outcomes: stacked bars."""
     first, last = log.step[[0, -1]] if len(log.step) else (0, 1)
     ends = np.linspace(first, last, 25)
     acted = np.histogram(np.repeat(log.step, (log.move >= 0).sum(axis=1)), ends)[0]
@@ -582,7 +582,7 @@ def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
 
 
 def in_html(head: str, shown: OpenedRun) -> str:
-    """Return a line, and below it the pictures of a run, side by side: those that it has."""
+    """Return a line, and below it the available pictures of a run, side by side."""
     parts = [
         f"<p>{html.escape(head)}</p>",
         '<div style="display: flex; align-items: flex-start">',

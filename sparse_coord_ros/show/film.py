@@ -29,13 +29,13 @@ SMALLEST_FILM_CELL = 0.24
 """Inches: of the map's longer side, if its cells then keep a size within the other two."""
 
 LEAST_FILM_WIDTH = 3.6
-"""Inches that the words below the map need."""
+"""Inches for the words below the map."""
 
 SENTENCES = 3
-"""Questions told in words at a time; of more only the number."""
+"""Most questions in words at a time; of further ones only the number."""
 
 MOST_STEPS = 300
-"""Steps that a film shows."""
+"""Most steps of a film."""
 
 SMOOTH_STEPS = 60
 """Robots glide in films of at most this many steps; in longer ones they jump."""
@@ -43,10 +43,10 @@ SMOOTH_STEPS = 60
 OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
 TALK = 1.6
 HOLD = 4.0
-"""How long a question stands still, and the last frame, in time steps."""
+"""Duration of the still frame of a question, and of the last frame, in time steps."""
 
 SHARED = 0.27
-"""How far robots that share a cell stand from its centre, in cells."""
+"""Distance of robots in a shared cell from its centre, in cells."""
 
 
 def film(
@@ -87,7 +87,7 @@ class EpisodePictures:
     Args:
         scenario: the problem.
         episode: the episode.
-        title: stands above the map.
+        title: the title above the map.
 
     Attributes:
         caption: the text below the map.
@@ -146,7 +146,7 @@ class EpisodePictures:
 
         Args:
             step: the time step, from 0.
-            moved: the share of it that is over.
+            moved: the elapsed share of it.
             speaking: whether its questions are shown.
         """
         places = (1 - moved) * self._standing(step) + moved * self._standing(step + 1)
@@ -177,7 +177,7 @@ class EpisodePictures:
         )
 
     def _put(self, artists: Iterable[Artist]) -> None:
-        """Draw something for this picture only."""
+        """Draw artists in this picture only."""
         for artist in artists:
             self._axes.add_artist(artist)
             self._axes.draw_artist(artist)
@@ -206,7 +206,7 @@ class EpisodePictures:
             )
 
     def _meeting(self, found: Interacting, step: int) -> Iterator[Artist]:
-        """Yield the marks of cells with robots that are together or exchange their cells."""
+        """Yield the marks of robots that are together in a cell, or exchange their cells."""
         cells = set(found.together)
         for pair in found.exchanges:
             cells.update(self._cells[step, list(pair)].tolist())
@@ -315,7 +315,7 @@ def _pale(colour: str) -> tuple[float, float, float]:
 
 
 def film_palette() -> Image.Image:
-    """Return an image whose palette has every colour drawn, and mixtures for smooth edges."""
+    """Return an image whose palette has every drawn colour, and mixtures for smooth edges."""
     colours = [
         *palette.ROBOT_COLOURS,
         *palette.OUTCOME_COLOURS.values(),

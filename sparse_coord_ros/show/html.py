@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pages of one HTML file without scripts, made by `templates/report.html.j2` of sections.
+"""Pages of one HTML file without scripts, made from sections by `templates/report.html.j2`.
 
 A section is a heading and its parts: results of `text`, `table`, `code` and `picture`. Text from
 outside is escaped.

@@ -11,7 +11,7 @@ from sparse_coord_ros.base.share import share_folder
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 
 PATTERN = "robot_1"
-"""The robot of the shipped files that stands for all."""
+"""The robot in the shipped files that represents all robots."""
 
 
 def rviz_config(robots: Sequence[str], namespace: str) -> str:

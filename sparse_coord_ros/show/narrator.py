@@ -32,8 +32,8 @@ class Narrator:
         scenario: the problem.
 
     Attributes:
-        names: of the robots.
-        doorways: of its map.
+        names: the robots' names.
+        doorways: the doorways of its map.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -54,10 +54,10 @@ class Narrator:
         return int(self._grid.next_cell[cell, move])
 
     def past(self, robot: int, cell: int, door: int) -> bool:
-        """True if a robot has a doorway behind it.
+        """True if a robot has passed a doorway.
 
-        The doorway is on a shortest way from the robot's start to its cell, and on none from
-        there to its goal.
+        The doorway is on a shortest way from the robot's start to its cell, and not on a shortest
+        way from there to its goal.
         """
         came = self.doorways.is_between(door, cell, self._from[robot])
         return came and not self.doorways.is_between(door, cell, self._home[robot])
@@ -67,9 +67,9 @@ class Narrator:
     ) -> tuple[str, int | None]:
         """Return a robot's position in words, and the number of the doorway in them.
 
-        That is the doorway in which the robot is. Outside of doorways it is the next one on a
+        This is the doorway in which the robot is. Outside of doorways it is the next one on a
         shortest way to the goal; of several at the same distance, the one that the robot enters.
-        If no doorway lies ahead, it is the closest one; None if no doorway can be reached.
+        If no doorway is ahead, it is the closest one; None if no doorway can be reached.
 
         Args:
             robot: its number from 0.
@@ -137,14 +137,14 @@ class Narrator:
         return ", ".join(part for part in (side, beyond, away) if part)
 
     def _beyond(self, cell: int, door: int, peer: int, at: int, side: str) -> str:
-        """Return in which part of the map a peer is that is not in this doorway; may be empty.
+        """Return the part of the map of a peer outside of this doorway; may be empty.
 
         Args:
-            cell: where the robot is that asks.
+            cell: the cell of the robot that asks.
             door: the doorway that the words refer to.
             peer: the peer.
             at: where the peer is.
-            side: on which side of that doorway it is; empty where that was not said.
+            side: the peer's side of that doorway; empty if it was not named.
         """
         if self.doorways.of[at] >= 0:
             return "in another doorway"
@@ -156,7 +156,7 @@ class Narrator:
         return ""
 
     def _ahead(self, robot: int, cell: int, door: int, at: int) -> str:
-        """Return whether a cell is ahead of a robot in a doorway, or behind it; empty: neither."""
+        """Return in words whether a cell is ahead of a robot in a doorway or behind, or ""."""
         peer_way = self.doorways.leaves_by(door, cell, at)
         own_way = self.doorways.leaves_by(door, cell, self._goal[robot])
         if not peer_way or not own_way:
@@ -166,7 +166,7 @@ class Narrator:
         return "" if peer_way & own_way else f"behind {self.names[robot]}"
 
     def interacting(self, seen: TeamTransition) -> Interacting:
-        """Return how robots interact in a time step."""
+        """Return the interactions of robots in a time step."""
         return interacting_in(self._interactions, self._grid.next_cell, seen)
 
     def interactions(self, seen: TeamTransition) -> list[str]:
@@ -198,7 +198,7 @@ class Narrator:
         ]
 
     def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
-        """Return the sentence that robots are together in some cells."""
+        """Return a sentence: the robots that are together in some cells."""
         place = "the same cell"
         if self.doorways.of[cells[0]] >= 0:
             place = "the same doorway"
@@ -221,13 +221,13 @@ class Narrator:
         return groups
 
     def _in_the_way(self, robot: int, found: Interacting) -> str:
-        """Return that other robots are in the way of a robot that is stopped."""
+        """Return a text: the robots in the way of a stopped robot."""
         others = [self.names[j] for k, j, _ in found.stopped if k == robot]
         verb = "is" if len(others) == 1 else "are"
         return f"{_listed(others)} {verb} in its way"
 
     def _why_it_stays(self, robot: int, seen: TeamTransition, move: int) -> str:
-        """Return why a robot stays in its cell, though its move leads elsewhere."""
+        """Return the reason why a robot stays in its cell, although its move leads elsewhere."""
         found = self.interacting(seen)
         if any(one[0] == robot for one in found.stopped):
             return self._in_the_way(robot, found)
@@ -249,8 +249,8 @@ class Narrator:
             robot: the robot.
             cell: where it is.
             move: the move that it chose.
-            after: the cell where it is next (in a damaged log any cell); None: not known.
-            why: why it stays, if its move leads elsewhere; empty: the move fails.
+            after: its next cell (in a damaged log any cell); None: unknown.
+            why: the reason why it stays, if its move leads elsewhere; empty: the move fails.
         """
         led = int(self._grid.next_cell[cell, move])
         if after is None:
@@ -279,7 +279,7 @@ class Narrator:
             robot: the robot that asks.
             cell: where it is.
             door: the doorway that the words refer to, as of `where`.
-            seen: number and cell of each of the others, at least one.
+            seen: number and cell of each other robot, at least one.
         """
         moves = self.doorways.moves_to(cell)
         close = [one for one in seen if self._is_close(one[1], door, moves)]

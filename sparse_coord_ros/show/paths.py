@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a floor in metres: a map's cells, or the paths of bodies that drove there."""
+"""Pictures of a floor in metres: a map's cells, or the paths of bodies."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -43,11 +43,11 @@ def floor_figure(
 
     Args:
         grid: the map.
-        robots: those on it.
+        robots: the robots on it.
         plan: the floor plan; None: the map's walls are drawn.
         side: metres a cell.
         cells: whether free cells are blue, as on a chessboard.
-        title: above the picture.
+        title: the title above the picture.
     """
     (rows, columns) = grid.shape
     (left, low) = grid.origin
@@ -70,7 +70,7 @@ def floor_figure(
     if cells:
         shades[signs != WALL] = CELL_COLOUR
         shades[np.indices(grid.shape).sum(axis=0) % 2 > 0, 3] *= (
-            0.75  # each is to be seen
+            0.75  # each must be visible
         )
     shades[signs == DOORWAY] = to_rgba(DOORWAY_COLOUR, 0.6)
     axes.imshow(shades, extent=box, interpolation="nearest")
@@ -87,9 +87,9 @@ def floor_figure(
 
 
 def paths_figure(run: RunConfig, driven: Drive) -> Figure:
-    """Draw the paths of the episodes that were followed over the floor.
+    """Draw the paths of the recorded episodes over the floor.
 
-    A cross is where two bodies touched, in any episode.
+    A cross is the place of a collision, in any episode.
 
     Args:
         run: the run.

@@ -17,13 +17,13 @@ class Policy(NamedTuple):
     """One robot's greedy policy before any percept.
 
     Attributes:
-        moves: which of the four moves are greatest in Q*, shape (cells, 4), bool: several where
-            they are equal, none in the goal and where all entries are equal.
-        asks: where the robot asks, as `asks_surely` says, shape (cells,), bool; not in the goal.
-            Where a percept fails, the robot takes one of `moves`.
-        may_ask: where it asks at least at times: `asks`, and ties with a move; same shape.
-        learned: where it has updated an entry of Q*, same shape. (A robot that knows its map has
-            greedy moves elsewhere, too.)
+        moves: whether each of the four moves is greatest in Q*, shape (cells, 4), bool: several if
+            they are equal, none in the goal and if all entries are equal.
+        asks: whether the robot asks in each cell, by `asks_surely`, shape (cells,), bool; False in
+            the goal. After a failed percept, the robot takes one of `moves`.
+        may_ask: whether it asks at least sometimes: `asks`, and ties with a move; same shape.
+        learned: whether it has updated an entry of Q* there, same shape. (A robot that knows its
+            map has greedy moves elsewhere, too.)
     """
 
     moves: np.ndarray
@@ -50,7 +50,7 @@ def policy_of(tables: Tables, goal: int) -> Policy:
 def entered(policy: Policy, grid: GridMap, start: int) -> np.ndarray:
     """Return the cells that a greedy robot can enter from a start cell, ascending, shape (n,).
 
-    Where it asks, if only at times, any of its moves may follow.
+    Where it may ask, any of its moves may follow.
     """
     follows = policy.moves | policy.may_ask[:, None]
     after = grid.next_cell
@@ -69,8 +69,8 @@ def row_asking(
     """Return the row of values that chooses a move under COORDINATE, shape (4,); or None.
 
     Args:
-        tables: of the robot.
-        cell: where it is.
+        tables: the robot's tables.
+        cell: its cell.
         perceived: the cells of the peers that it perceived; None: the percept failed.
     """
     if tables.learner is None:

@@ -50,10 +50,10 @@ def run_report(shown: OpenedRun, *, baselines: bool = True) -> str:
 
     Args:
         shown: the run.
-        baselines: whether to let Indiv. and Non-coop. learn the same, to compare.
+        baselines: whether to let Indiv. and Non-coop. learn the same scenario, for comparison.
 
     Raises:
-        SparseCoordError: the source is no run.
+        SparseCoordError: the source is not a run.
     """
     config = shown.config
     scenario = shown.config.scenario
@@ -131,7 +131,7 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
 
 
 def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
-    """Return the row of a team."""
+    """Return the table row of a team."""
     spread = [(found.returns, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
     measures = [with_spread(one, digits) for one, digits in spread]
     measures += [f"{found.asks.mean:.2f}", f"{found.all_arrived:.2%}"]
@@ -167,7 +167,7 @@ def _dialogue(shown: OpenedRun) -> Iterator[Part]:
 
 
 def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
-    """Yield robot and time step of questions: of each outcome the first, and the last answered."""
+    """Yield robot and time step of questions: the first of each outcome, and the last answered."""
     for name, found in ended(log).items():
         places = np.argwhere(found)
         for row, k in [*places[:1], *places[-1:]] if name == ANSWERED else places[:1]:
@@ -226,7 +226,7 @@ def _command(config: RunConfig) -> str:
     """Return the command that computes the run again."""
     scenario = config.scenario
     base = None
-    with contextlib.suppress(SparseCoordError):  # it was made by hand
+    with contextlib.suppress(SparseCoordError):  # a scenario made by hand has no name
         known = load_scenario(scenario.name)
         base = (
             known

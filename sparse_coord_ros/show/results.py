@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of results: those of the report, and one of whatever conditions there are."""
+"""Pictures of results: the report's figures, and a figure of any conditions."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,17 +21,17 @@ def results_figure(
     """Draw a figure of a results directory.
 
     Args:
-        directory: where it is.
-        what: `conditions`, every one; `asks`, a map a scenario in which robots may ask, of the
-            condition that `most_asking` returns; an experiment that is complete, or one of its
-            figures; None: the first of these.
+        directory: the results directory.
+        what: `conditions`: all of them; `asks`: a map for each scenario in which robots may ask,
+            of the condition of `most_asking`; a complete experiment, or one of its figures; None:
+            the first of these.
         say: receives notes on omissions, and on the condition that a map shows.
 
     Returns:
         The figure's name, and the figure.
 
     Raises:
-        ResultsError: it is no results directory, or holds no result yet, or a damaged one.
+        ResultsError: the directory has no results, or a damaged one.
         SettingError: unknown figure.
     """
     _, results = some_results(directory, say)
@@ -49,7 +49,7 @@ def results_figure(
 
 
 def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]]:
-    """Return the results in a directory; errors as of `results_figure`."""
+    """Return the results in a directory; errors as in `results_figure`."""
     plan, results = read_results(directory, say)
     if not results:
         remedy = "'sparse_coord reproduce' writes results"
@@ -58,14 +58,14 @@ def some_results(directory: Path, say: Say) -> tuple[Plan, list[ConditionResult]
 
 
 def complete_experiments(results: Sequence[ConditionResult]) -> list[Experiment]:
-    """Return the experiments whose conditions are all there."""
+    """Return the experiments with results of all their conditions."""
     ids = {one.id for one in results}
     known = [experiment(name) for name in NAMES]
     return [one for one in known if ids.issuperset(each.id for each in one.conditions)]
 
 
 def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResult]]:
-    """Return the possible figures by name, with the results that each one shows."""
+    """Return the possible figures by name, each with its results."""
     by_id = {one.id: one for one in results}
     found = {"conditions": list(results)}
     for one in complete_experiments(results):
@@ -78,9 +78,9 @@ def drawn(results: Sequence[ConditionResult]) -> Mapping[str, list[ConditionResu
 
 
 def most_asking(results: Sequence[ConditionResult]) -> ConditionResult:
-    """Return, of one scenario's conditions, that of the hardest penalty in which robots ask most.
+    """Return one scenario's condition with the hardest penalty in which robots ask most.
 
-    There is most to see. Of equal ones the first by its id.
+    It has most to show. Of equal ones the first by its id.
     """
     hardest = min(one.scenario.penalty for one in results)
     there = sorted(
@@ -90,7 +90,7 @@ def most_asking(results: Sequence[ConditionResult]) -> ConditionResult:
 
 
 def figure_of(what: str, results: Sequence[ConditionResult]) -> Figure:
-    """Return the figure of one of the things that `drawn` returns."""
+    """Return a figure by its name in `drawn`."""
     draws: dict[str, Draw] = {"asks": asked_maps}
     for files in DRAWN.values():
         draws |= files

@@ -54,7 +54,7 @@ def results_report(directory: Path, say: Say = lambda _: None) -> str:
         say: receives notes on omissions and on slow work.
 
     Raises:
-        ResultsError: it is no results directory, or holds no result yet, or a damaged one.
+        ResultsError: the directory has no results, or a damaged one.
     """
     left_out: list[str] = []
     plan, results = some_results(directory, left_out.append)

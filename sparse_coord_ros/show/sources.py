@@ -30,21 +30,21 @@ from sparse_coord_ros.protocol.wire import PERCEPT, ROSOUT, STATUS
 from sparse_coord_ros.studies.store import MANIFEST
 
 PLAYED_EPISODES = 200
-"""Greedy episodes from which pictures show where robots go and ask."""
+"""Number of greedy episodes for pictures of visited cells and questions."""
 
 Say = Callable[[str], None]
-"""Is told in a few words about steps that take a while."""
+"""Receives a short text on each slow step."""
 
 
 @dataclass(frozen=True)
 class OpenedRun:
-    """A run to look at. Its parts are read at their first use; missing parts raise errors then.
+    """A run to show. Its parts are read at their first use; missing parts raise errors then.
 
     Attributes:
-        path: the path that was given.
-        directory: the run's directory; None: a bag alone was given.
+        path: the given path.
+        directory: the run's directory; None: only a bag was given.
         bag: its bag; None: it has none.
-        say: hears what takes a while.
+        say: receives notes on slow steps.
     """
 
     path: Path
@@ -64,7 +64,7 @@ class OpenedRun:
 
     @cached_property
     def config(self) -> RunConfig:
-        """The run's configuration; errors as of `load_run` and `read_run`."""
+        """The run's configuration; errors as in `load_run` and `read_run`."""
         return (
             self.recording.run if self.directory is None else load_run(self.directory)
         )
@@ -74,7 +74,7 @@ class OpenedRun:
         """The bag; only its description of the run is read yet.
 
         Raises:
-            RunError: it was not recorded.
+            RunError: the run was not recorded.
             BagError: the bag cannot be read.
         """
         if self.bag is None:
@@ -86,7 +86,7 @@ class OpenedRun:
     def log(self) -> RunLog:
         """The run's log: states, actions, rewards and the nodes' messages, without the dialogue.
 
-        Errors as of `recording`.
+        Errors as in `recording`.
         """
         recording = self.recording
         self.say(f"reading {self.bag}")
@@ -127,7 +127,7 @@ class OpenedRun:
         """The history of episodes: from history.npz, else from the bag.
 
         Raises:
-            RunError: there is neither.
+            RunError: both are missing.
         """
         directory = self.directory
         if directory is None or (
@@ -138,7 +138,7 @@ class OpenedRun:
 
     @cached_property
     def trials(self) -> Trials:
-        """Greedy episodes of its tables, always the same ones; errors as of `tables`."""
+        """Greedy episodes of its tables, always the same ones; errors as in `tables`."""
         scenario = self.config.scenario
         tables = self.tables
         self.say(f"playing {PLAYED_EPISODES} greedy episodes")
@@ -155,11 +155,11 @@ class OpenedRun:
 
     @property
     def asks(self) -> bool:
-        """True if its robots can ask; errors as of `tables`."""
+        """True if its robots can ask; errors as in `tables`."""
         return not np.isnan(self.tables[0].q_star[:, COORDINATE]).any()
 
     def has(self, what: str) -> bool:
-        """Return whether `log`, `tables` or `history` can be read, and say why where not."""
+        """Return whether `log`, `tables` or `history` can be read; if not, report the reason."""
         try:
             getattr(self, what)
         except SparseCoordError as error:
@@ -169,14 +169,14 @@ class OpenedRun:
 
 
 def in_memory(config: RunConfig, tables: list[Tables], history: History) -> OpenedRun:
-    """Return a run that is nowhere on disk."""
+    """Return a run that is not on disk."""
     shown = OpenedRun(Path(config.scenario.name), None, None)
     vars(shown).update(config=config, tables=tables, history=history)
     return shown
 
 
 def is_results(path: Path) -> bool:
-    """Return whether a directory holds results of `sparse_coord reproduce`."""
+    """Return whether a directory contains results of `sparse_coord reproduce`."""
     return (path / MANIFEST).is_file()
 
 
@@ -185,11 +185,11 @@ def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:
 
     Args:
         path: a run's directory; a bag's, or its file.
-        say: hears what takes a while.
+        say: receives notes on slow steps.
 
     Raises:
-        RunError, BagError: it is neither; `info` says more of a bag.
-        SettingError: it is a directory of results.
+        RunError, BagError: the path is neither; `info` reports more on a bag.
+        SettingError: the path is a directory of results.
     """
     if is_results(path):
         raise SettingError(

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One time step of a team as data, from a log or as it happens: all that shows a team reads it."""
+"""One time step of a team as data, from a log or live: every display of a team reads it."""
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, permutations
@@ -34,8 +34,8 @@ class Question(NamedTuple):
     Attributes:
         asker: number of the robot that asks, from 0.
         peers: numbers of the robots that it asks.
-        end: how its percept ended.
-        move: the primitive action that it became.
+        end: the end of its percept.
+        move: the primitive action after it.
     """
 
     asker: int
@@ -50,7 +50,7 @@ class Question(NamedTuple):
 
     def in_words(self, names: Sequence[str]) -> str:
         """Return it as a sentence."""
-        whom = ", ".join(names[peer] for peer in self.peers) or "no robot"
+        whom = ", ".join(names[peer] for peer in self.peers) or "no peer"
         if len(self.peers) == len(names) - 1 > 1:
             whom = "all others"
         ended = "no answer" if self.outcome == FAILED else self.outcome
@@ -60,7 +60,7 @@ class Question(NamedTuple):
 def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
     """Return the questions of a time step, with asker and asked robot.
 
-    Without a record of how a percept ended, no answer was late: all robots were in one process.
+    Without a record of a percept's end, no answer was late: all robots were in one process.
     """
     found = []
     for k, action in enumerate(seen.actions):
@@ -105,13 +105,13 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
 
 
 class Interacting(NamedTuple):
-    """How robots interact in one time step; robots count from 0.
+    """The interactions of robots in one time step; robots count from 0.
 
     Attributes:
         together: the cells of robots that end the step together, ascending.
         exchanges: pairs of robots that exchange their cells.
-        stopped: robots that want into a cell and stay: the robot, the robot that is in its way,
-            and the cell.
+        stopped: robots that try to enter a cell and stay: the robot, the robot in its way, and the
+            cell.
     """
 
     together: tuple[int, ...]
@@ -125,7 +125,7 @@ NOT_INTERACTING = Interacting((), (), ())
 def interacting_in(
     inter: Interactions, next_cell: np.ndarray, seen: TeamTransition
 ) -> Interacting:
-    """Return how robots interact in a time step.
+    """Return the interactions of robots in a time step.
 
     Args:
         inter: the interactions of the scenario.
@@ -162,7 +162,7 @@ def _column(values: Sequence[int | None]) -> np.ndarray:
 def exchanges_in(
     inter: Interactions, before: np.ndarray, after: np.ndarray
 ) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Yield each pair of robots, and in which steps it exchanges its cells, shape (T,).
+    """Yield each pair of robots, and whether it exchanges its cells in each step, shape (T,).
 
     Args:
         inter: the interactions of the scenario.
@@ -184,7 +184,7 @@ def stops_in(
     moves: np.ndarray,
     after: np.ndarray,
 ) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Yield each two robots, and in which steps the first stays as the second is in its way.
+    """Yield each two robots, and whether the second stops the first in each step, shape (T,).
 
     A move of a stopped robot may have failed as well: it could not have succeeded.
 
@@ -211,12 +211,12 @@ def stops_in(
 def trails_of(
     passed: Sequence[Sequence[int | None]], next_cell: np.ndarray
 ) -> list[list[int]]:
-    """Return through which cells each robot has come, the oldest first, the one where it is last.
+    """Return the last cells of each robot, the oldest first, its current cell last.
 
-    A trail begins behind the last place that is not known, or not beside the next one.
+    A trail begins after the last cell that is unknown, or not beside the next one.
 
     Args:
-        passed: where the robots were at time steps that follow each other, the newest last.
+        passed: the robots' cells at successive time steps, the newest last.
         next_cell: where each move leads, as of `GridMap`.
     """
     trails = []

@@ -109,7 +109,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Judged:
+class BenchmarkResult:
     """What the teams of an entry are worth in one scenario.
 
     Attributes:
@@ -146,7 +146,7 @@ class Place:
     learner: str
     settings: Mapping[str, str]
     list: str
-    judged: tuple[Judged, ...]
+    judged: tuple[BenchmarkResult, ...]
     steps: int
     steps_to_90: int | None
     seconds: float | None
@@ -321,7 +321,7 @@ def _place(said: Any, where: str) -> Place:
             "failed": Numbers(low=0, high=teams, whole=True),
         }
         check_form(one, form, place)
-        judged.append(Judged(**{**one, "returns": tuple(one["returns"])}))
+        judged.append(BenchmarkResult(**{**one, "returns": tuple(one["returns"])}))
     return Place(**{**said, "judged": tuple(judged)})
 
 
@@ -420,7 +420,7 @@ class Judge:
 
     def _learned(
         self, entry: Entry, items: Sequence[Item], steps: int
-    ) -> tuple[Judged, ...]:
+    ) -> tuple[BenchmarkResult, ...]:
         """Let teams learn in each scenario; empty: the learner cannot learn all of them."""
         conditions = [entry.condition(item, steps) for item in items]
         if None in conditions:
@@ -439,7 +439,9 @@ class Judge:
             found.append(_judged(item, one.scenario, tuple(returns), failed_teams(one)))
         return tuple(found)
 
-    def _elsewhere(self, entry: Entry, items: Sequence[Item]) -> tuple[Judged, ...]:
+    def _elsewhere(
+        self, entry: Entry, items: Sequence[Item]
+    ) -> tuple[BenchmarkResult, ...]:
         """Evaluate teams that have learned elsewhere; empty: a scenario has none."""
         teams = list(_teams_in(Path(entry.runs)))
         found = []
@@ -497,7 +499,7 @@ class Judge:
 
 def _judged(
     item: Item, scenario: Scenario, returns: tuple[float, ...], failed: int
-) -> Judged:
+) -> BenchmarkResult:
     top = known_top(scenario.with_settings({"perception": "always"}))
     if top is None:
         raise SettingError(
@@ -506,7 +508,9 @@ def _judged(
         )
     said = [f"{name}={as_text(value)}" for name, value in item.settings.items()]
     paths = shortest_path_reference(scenario).returns
-    return Judged(", ".join([item.scenario, *said]), paths, top, returns, failed)
+    return BenchmarkResult(
+        ", ".join([item.scenario, *said]), paths, top, returns, failed
+    )
 
 
 def _scenario(item: Item) -> Scenario:

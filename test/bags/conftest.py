@@ -13,10 +13,10 @@ STRING = "std_msgs/msg/String"
 
 
 class Samples:
-    """Messages of any type with every field set to a value of its own."""
+    """Messages of any type with a different value in every field."""
 
     def __init__(self, typestore):
-        """Take the types' definitions from a rosbags typestore."""
+        """Read the types' definitions from a rosbags typestore."""
         self.typestore = typestore
 
     def message(self, type_name, seed=1):
@@ -43,7 +43,7 @@ class Samples:
                 bag.flush()
 
     def same(self, message, decoded):
-        """Whether a message and what some decoder made of it have equal fields."""
+        """Return whether a message and its decoded form have equal fields."""
         if isinstance(message, np.ndarray | list):
             return len(message) == len(decoded) and all(
                 map(self.same, message, decoded)

@@ -57,7 +57,7 @@ def originals(tmp_path_factory, samples):
 
 
 def content(bag):
-    """Return a bag's bytes and what is in it."""
+    """Return a bag's bytes and its content."""
     messages = list(bag.messages())
     parts = [
         len(part.begins) for one in bag.blocks[0] for part in bag.files[0].parts([one])
@@ -100,9 +100,9 @@ def damaged(data, draw):
 
 
 def check_read(bag, original, copy):
-    """All that is read is what was written, and all is read that is undamaged; returns it.
+    """Check that the read data were written, and that all undamaged data are read; return them.
 
-    What the topics are is said by the first chunk, and at the end of a finished file.
+    The first chunk and the end of a finished file define the topics.
     """
     messages = list(bag.messages())
     assert messages == [one for one in original.messages if one in messages]
@@ -130,7 +130,7 @@ def check_read(bag, original, copy):
 
 
 def check_recovered(directory, expected, attachments):
-    """Two independent readers open what was recovered, and find exactly what could be read."""
+    """Two independent readers open the recovered bag, and find exactly the readable content."""
     with AnyReader([directory]) as reader:
         assert [
             (connection.topic, time, bytes(data))
@@ -178,7 +178,7 @@ def test_a_thousand_damaged_bags(tmp_path, originals):
             assert bag.damage.startswith("byte ") and "\n" not in bag.damage
             assert int(bag.damage.split()[1].rstrip(":")) <= len(copy)
         elif unfinished and copy != data:
-            # Nothing but the end, or the texts of header and metadata, have no checksum yet.
+            # Only the end, and the texts of header and metadata, have no checksum yet.
             assert len(read) == 40 or data.startswith(copy)
         else:
             assert copy == data and len(read) == 40
@@ -198,7 +198,7 @@ def test_a_thousand_damaged_bags(tmp_path, originals):
 @pytest.mark.parametrize("hit", range(5))
 @pytest.mark.parametrize("finish", [False, True])
 def test_no_chunk_depends_on_another(tmp_path, samples, hit, finish):
-    """What the topics are is in the first two, and at the end of a finished file."""
+    """The first two, and the end of a finished file, define the topics."""
     writer = BagWriter(tmp_path / "bag")
     samples.fill(writer, 5, chunks=True)
     writer.close() if finish else writer.abandon()

@@ -28,7 +28,7 @@ def recording(tmp_path, samples):
 
 @pytest.fixture
 def info(tmp_path, capsys):
-    """Return a function that runs `info` on that run's directory and returns what it prints."""
+    """Return a function that runs `info` on that run's directory and returns its output."""
 
     def run(*arguments):
         assert main(["info", str(tmp_path / "out"), *arguments]) == 0
@@ -79,7 +79,7 @@ def test_attachments_are_measured_without_being_read(recording, info, monkeypatc
 
 @pytest.mark.parametrize("verb", ["info", "verify", "explain", "replay", "recover"])
 def test_an_empty_name_is_not_this_directory(verb, capsys):
-    """As of a shell's variable that is not set."""
+    """For example from an unset shell variable."""
     with pytest.raises(SystemExit) as ended:
         main([verb, ""])
     assert ended.value.code == 2

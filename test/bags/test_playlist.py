@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Order, time steps, kept topics and deadlines of playing, against a clock that tests turn."""
+"""Order, time steps, kept topics and deadlines of playing, with a clock that tests control."""
 
 import random
 
@@ -22,7 +22,7 @@ def type_of(name):
 
 
 class Log:
-    """A bag of (topic, log time in ms) in memory; the data says the place in the file."""
+    """A bag of (topic, log time in ms) in memory; the data are the place in the file."""
 
     path = "log"
     clock = Bag.clock
@@ -68,7 +68,7 @@ def run_log(steps, step_ms=100):
 
 
 class Stage:
-    """A playback, its clock and what it has published."""
+    """A playback, its clock and its published messages."""
 
     def __init__(self, log, *, kept=("/map", "/clock"), topics=TOPICS, **options):
         self.now = 5_000_000_000
@@ -89,7 +89,7 @@ class Stage:
         self.out.append((self.now, message))
 
     def run(self, ms=float("inf"), late=0):
-        """Play so long; every wait lasts `late` longer than asked for."""
+        """Play so long; every wait lasts `late` longer than requested."""
         until = self.now + ms * MS
         while (wait := self.playback.play()) is not None and self.now + wait <= until:
             self.now += wait + (late if wait else 0)
@@ -97,7 +97,7 @@ class Stage:
             self.now = max(self.now, until)
 
     def taken(self):
-        """Return the places in the file of what was published since the last call."""
+        """Return the places in the file of the messages since the last call."""
         found = places(message for _, message in self.out)
         self.out.clear()
         return found

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The writer in a process of its own: what it says when that process fails."""
+"""The writer in its own process: its errors when that process fails."""
 
 import os
 import re
@@ -24,7 +24,7 @@ STRING = "std_msgs/msg/String"
 
 @pytest.fixture
 def started(monkeypatch):
-    """Return what a writer starts: its `process`, and a second handle of the parent's socket."""
+    """Return a writer's child `process`, and a second handle of the parent's socket."""
     found = SimpleNamespace()
     popen = subprocess.Popen
     pair = socket.socketpair
@@ -86,7 +86,7 @@ def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples, star
     channel = writer.add_topic("/a", STRING, QoS())
     writer.write(channel, samples.cdr(STRING), 1, 1)
     writer.flush()
-    writer.add_topic("/b", STRING, QoS())  # answered: what came before is written
+    writer.add_topic("/b", STRING, QoS())  # answered: all earlier messages are written
     started.process.kill()
     with pytest.raises(
         BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' repairs"
@@ -101,7 +101,7 @@ def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples, star
 def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(
     tmp_path, samples, started
 ):
-    """However far behind the writer was: what waits in the socket survives."""
+    """The messages in the socket survive, even if the writer was far behind."""
     writer = BagProcess(tmp_path / "run")
     channel = writer.add_topic("/a", STRING, QoS())
     os.kill(started.process.pid, signal.SIGSTOP)

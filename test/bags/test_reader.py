@@ -50,7 +50,7 @@ def bag(tmp_path, samples):
 
 
 def test_everything_that_was_written_is_read(tmp_path, bag, samples):
-    """Of an unfinished bag too; finishing it changes only that it is finished."""
+    """Also from an unfinished bag; finishing it changes only `finished`."""
     writer = bag
     for finished in (False, True):
         bag = open_bag(tmp_path / "run")
@@ -96,7 +96,7 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
 
 
 def test_topics_without_messages_are_there(tmp_path):
-    """Those that no chunk has are in the summary."""
+    """Topics without a chunk are in the summary."""
     with BagWriter(tmp_path / "run") as writer:
         writer.add_topic("/a", STRING, QoS())
     bag = open_bag(tmp_path / "run")
@@ -110,7 +110,7 @@ def test_topics_without_messages_are_there(tmp_path):
 
 
 def test_nothing_to_read_is_one_line(tmp_path):
-    """No file, an empty directory, several files, no MCAP, something that is no file."""
+    """No file, an empty directory, several files, no MCAP, not a regular file."""
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mcap").write_text("not at all a bag\n" * 9)
     for name in ("two/a_0.mcap", "two/b_1.mcap", "same/a_0.mcap", "same/a.mcap"):
@@ -156,7 +156,7 @@ def test_file_that_changes_while_it_is_read(tmp_path, bag):
 
 
 def test_memory_does_not_grow_with_the_bag(tmp_path, monkeypatch):
-    """Ten times as many messages take a little more for a few lists, if anything."""
+    """Ten times as many messages need little more memory, for a few lists."""
     monkeypatch.setattr("sparse_coord_ros.log.bags.contents.TOGETHER", 20_000)
     peaks = []
     for rounds in (2_000, 20_000):
@@ -262,7 +262,7 @@ def hostile_file(path, metadata=None, encoding="cdr", data=b"\0" * 4, time=1):
     ],
 )
 def test_what_cannot_be_understood_is_a_gap(tmp_path, options, message):
-    """Its checksum is right, and what is around it is read."""
+    """Its checksum is right, and the records around it are read."""
     bag = open_bag(hostile_file(tmp_path / "a.mcap", **options))
     [gap] = bag.gaps
     assert message in gap.why and bag.damage == f"byte {gap.begin}: {gap.why}"
@@ -307,7 +307,7 @@ def test_the_directory_of_a_run_stands_for_its_bag(tmp_path, bag):
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
 @pytest.mark.parametrize("stated", [0, 10, CHUNK.bytes, CHUNK.bytes + 1, 2**63])
 def test_chunk_that_does_not_hold_what_it_says(compression, stated):
-    """A bomb is not unpacked: no more than stated, nothing implausible."""
+    """A bomb is not unpacked: at most the stated size, and no implausible one."""
     data = {
         "zstd": zstandard.compress(bytes(1_000_000)),
         "lz4": lz4.frame.compress(bytes(1_000_000)),
@@ -394,7 +394,7 @@ def test_a_zeroed_checksum_among_others(tmp_path):
     ],
 )
 def test_every_checksum_of_an_own_bag_is_there(tmp_path, bag, kind, place, what):
-    """0 says elsewhere that there is none."""
+    """In other files 0 means that there is none."""
     bag.close()
     file = tmp_path / "run" / "run_0.mcap"
     data = bytearray(file.read_bytes())
@@ -415,7 +415,7 @@ def test_every_checksum_of_an_own_bag_is_there(tmp_path, bag, kind, place, what)
     ],
 )
 def test_a_chunk_that_says_something_else(tmp_path, bag, place, said):
-    """Nobody reads a message index: one that was a chunk would be lost unseen."""
+    """A message index is not read: a chunk that became one would be lost unnoticed."""
     file = tmp_path / "run" / "run_0.mcap.partial"
     data = bytearray(file.read_bytes())
     begin, _ = places_of(data, 0x06)[1]
@@ -435,7 +435,7 @@ def test_something_after_the_end(tmp_path, bag):
 
 
 def test_a_topic_with_a_second_type(tmp_path):
-    """A topic has one type, in whichever chunk or channel of it."""
+    """A topic has one type, in all its chunks and channels."""
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
     writer.start("ros2", "another library")
@@ -509,7 +509,7 @@ FIRST = chunk(schema() + channel() + message(1))
 
 
 def both_ways(path, data):
-    """Return a bag that is read checked, and by looking through it; they agree."""
+    """Return a bag that is read checked and unchecked, with equal results."""
     path.write_bytes(data)
     bag = open_bag(path)
     lazy = open_bag(path, checked=False)
@@ -533,7 +533,7 @@ def test_empty_chunks_are_not_unpacked(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("limit", [0, 1, 2])
 def test_chunks_hold_no_more_than_a_limit(tmp_path, monkeypatch, limit):
-    """Of each byte of the file, too: a small file is not unpacked to gigabytes."""
+    """There is a limit per byte of the file: a small file cannot unpack to gigabytes."""
     data = START + FIRST * 3
     size = len(schema() + channel() + message(1))
     most = Limit("", limit * size, 0) if limit != 1 else Limit("", size - len(data), 1)
@@ -580,7 +580,7 @@ ATTACHED = record(
 
 @pytest.mark.parametrize("end", [b"", b"x"])
 def test_the_last_record_behind_broken_framing_is_found(tmp_path, end):
-    """Where the file ends, or so little is left that nobody can tell what it is."""
+    """At the end of the file, or if too few bytes are left to identify a record."""
     path = tmp_path / "a.mcap.partial"
     begin = len(START + FIRST)
     path.write_bytes(START + FIRST + b"junk!" + ATTACHED + end)
@@ -614,7 +614,7 @@ def test_a_bag_has_not_too_many_of_anything(tmp_path, monkeypatch, records, said
 
 
 def test_holes_and_what_lies_in_them_take_no_time(tmp_path):
-    """100 GB that are not there, between two chunks or as an attachment's."""
+    """A hole of 100 GB, between two chunks or in an attachment."""
     path = tmp_path / "a.mcap.partial"
     first = START + FIRST
     far = 100 * 2**30
@@ -672,7 +672,7 @@ def test_a_gap_between_chunks_that_overlap_in_time(tmp_path):
 
 @pytest.mark.parametrize("tail", [FIRST[:-9], ATTACHED[:-3]])
 def test_a_file_that_has_not_grown_is_not_searched_again(tmp_path, monkeypatch, tail):
-    """Nor is a chunk for records in it of which the rest is to come."""
+    """Nor is an incomplete chunk searched for records."""
     path = tmp_path / "a.mcap.partial"
     path.write_bytes(START + FIRST + tail)
     bag = open_bag(path, checked=False)

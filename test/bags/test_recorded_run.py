@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bag of a live run, read by independent readers, tells the whole run."""
+"""The bag of a live run, read by independent readers, contains the whole run."""
 
 from collections import Counter, defaultdict
 from types import SimpleNamespace
@@ -99,7 +99,7 @@ def test_mcap_ros2_decodes_everything(recorded):
 
 
 def said(event):
-    """Return what a service event says."""
+    """Return the content of a service event."""
     info = event.info
     starts = [one.start.pose.position for one in event.request]
     asked = [(place.x, place.y) for place in starts]

@@ -22,7 +22,7 @@ STRING = "std_msgs/msg/String"
 
 
 def write_bag(directory, samples, *, finish, compression="lz4", messages=20):
-    """Write a bag with an attachment and metadata; abandon it unless it is to be finished."""
+    """Write a bag with an attachment and metadata; abandon it unless `finish`."""
     writer = BagWriter(directory, compression=compression, chunk_size=300)
     writer.add_metadata("run", {"seed": "7"})
     channel = writer.add_topic("/a", STRING, QoS(durability="transient_local"))
@@ -38,7 +38,7 @@ def names(directory):
 
 
 def run(capsys, *arguments):
-    """Run the verb; returns exit code and what was printed."""
+    """Run the verb; return its exit code and output."""
     code = main(["recover", *map(str, arguments)])
     printed = capsys.readouterr()
     assert "Traceback" not in printed.err
@@ -134,7 +134,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     assert whole.startswith(f"{bag} is whole: ")
     assert told == "recovered from a broken bag"
     assert json.loads(run(capsys, bag, "--json")[1])["recovered"] == lost
-    with file.open("r+b") as stream:  # only the index: nothing more is lost
+    with file.open("r+b") as stream:  # only the index: no messages are lost
         stream.seek(-60, os.SEEK_END)
         stream.write(bytes(20))
     index = open_bag(bag)
@@ -155,7 +155,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
 
 
 def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
-    """Exit code 1 with how much; a second disaster does not overwrite the first original."""
+    """Exit code 1 with the amount; a second damage does not overwrite the first original."""
     bag = write_bag(tmp_path / "run", samples, finish=True)
     file = bag / "run_0.mcap"
     for number, ending in enumerate((".damaged", ".damaged2")):
@@ -196,7 +196,7 @@ def test_changed_metadata_are_told_from_lost_messages(tmp_path, samples, capsys)
     "state", ["no metadata.yaml", "bad metadata.yaml", "other metadata.yaml", "no name"]
 )
 def test_finished_file_gets_what_is_missing(tmp_path, samples, capsys, state):
-    """A recorder that was killed while it closed the bag: the file itself stays as it is."""
+    """A recorder that was killed while it closed the bag: the file itself is not changed."""
     bag = write_bag(tmp_path / "run", samples, finish=True)
     original = (bag / "run_0.mcap").read_bytes()
     metadata = (bag / "metadata.yaml").read_text()
@@ -218,7 +218,7 @@ def test_finished_file_gets_what_is_missing(tmp_path, samples, capsys, state):
 
 
 def test_nothing_readable(tmp_path, capsys):
-    """Exit code 2 and one line; nothing is written."""
+    """Exit code 2 and one line; no file is written."""
     (tmp_path / "run").mkdir()
     file = tmp_path / "run" / "run_0.mcap"
     for data, message in {
@@ -234,9 +234,9 @@ def test_nothing_readable(tmp_path, capsys):
 
 
 def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
-    """A gap in the original is a gap still; no definition needs to be installed.
+    """A gap in the original stays a gap; no definition needs to be installed.
 
-    What contradicts itself does so still.
+    Contradictions in the original stay, too.
     """
     topic = BagTopic(
         "/a",
@@ -262,7 +262,7 @@ def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
 
 
 def test_bag_that_is_being_recorded_is_refused(tmp_path, samples):
-    """Its recorder would go on writing into what was kept."""
+    """Its recorder would continue to write into the kept original."""
     writer = BagWriter(tmp_path / "run")
     writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 0, 0)
     writer.flush()

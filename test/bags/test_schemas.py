@@ -37,7 +37,7 @@ WITH_CHAR = {"service_msgs/msg/ServiceEventInfo", "std_msgs/msg/Char"}
 
 @pytest.fixture
 def fresh_cache():
-    """Forget the definitions read so far, before and after the test."""
+    """Clear the cache of definitions, before and after the test."""
     schema_text.cache_clear()
     type_hash.cache_clear()
     yield
@@ -139,7 +139,7 @@ def test_packages_are_found_without_ament(monkeypatch, fresh_cache):
 
 
 def test_missing_definition_names_package_and_remedy():
-    """The file looked for is named, and what to install."""
+    """The error names the missing file, and the package to install."""
     with pytest.raises(
         BagError, match="share/nav_msgs/msg/Nonsense.msg .* AMENT_PREFIX_PATH"
     ):

@@ -86,7 +86,7 @@ def test_a_file_of_so_long_ends_before_the_message_that_is_so_much_later(
 
 
 def test_what_is_counted_over_several_files(tmp_path, samples):
-    """Bytes go on with every file; times may be in any order; numbers may be those of another."""
+    """Bytes count over all files; times may be in any order; channel numbers may differ."""
     writer, [a, b] = begin(tmp_path / "bag", samples)
     before = writer.bytes_written
     back = {"why": ROLLED_BACK, "step": "3", "first": "3"}
@@ -105,7 +105,7 @@ def test_what_is_counted_over_several_files(tmp_path, samples):
 
 
 def test_a_damaged_original_is_kept_beside_the_bag_that_goes_on(tmp_path, samples):
-    """What is lost cannot be had from the mended file: nobody removes the original."""
+    """The repaired file lacks the lost part: the original is not removed."""
     for name, cut in (("whole", 0), ("damaged", 150)):
         directory = tmp_path / name
         begin(directory, samples)[0].abandon()
@@ -139,7 +139,7 @@ def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
 def test_only_a_last_file_that_was_recovered_makes_a_bag_recovered(
     tmp_path, samples, last
 ):
-    """What was lost at the end of one before is a gap between files, and is called so."""
+    """A loss at the end of an earlier file is a gap between files."""
     note = {"gaps": "[]"}
     writer, channels = begin(tmp_path / "bag", samples, range(3))
     if not last:
@@ -222,7 +222,7 @@ def test_a_bag_that_never_began_is_moved_aside(tmp_path):
 def test_a_directory_that_was_deleted_loses_only_what_was_closed(
     tmp_path, samples, writer_of, split, taken
 ):
-    """The open file is copied out whole, and one line says where; a name that is taken is not."""
+    """The open file is copied completely to an unused name, and one line names its place."""
     directory = tmp_path / "out" / "bag"
     rescued = tmp_path / "out" / "bag_rescued"
     writer = writer_of(directory, chunk_size=200)
@@ -266,7 +266,7 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
 def test_a_missing_file_is_a_gap(
     tmp_path, samples, capsys, removed, named, first, last
 ):
-    """Known by the others' numbers and `metadata.yaml`, also after a recovery; nobody mends it."""
+    """The other files' numbers and `metadata.yaml` show it, also after a recovery."""
     directory = tmp_path / "bag"
     begin(directory, samples, range(50), max_ns=10)[0].close()
     assert len(open_bag(directory).files) == 5 and not open_bag(directory).gaps
@@ -289,7 +289,7 @@ def test_a_missing_file_is_a_gap(
 
 @pytest.mark.parametrize("hit", [0, 1, 2])
 def test_a_gap_lies_between_its_neighbours_in_other_files(tmp_path, samples, hit):
-    """Where the only chunk of a file is lost; what `recover` makes of it says the same."""
+    """If the only chunk of a file is lost; the recovered bag has the same gap."""
     writer = BagWriter(tmp_path / "bag", max_ns=10)
     write(
         writer,
@@ -313,7 +313,7 @@ def test_a_gap_lies_between_its_neighbours_in_other_files(tmp_path, samples, hit
 
 
 def test_a_directory_that_was_moved_is_not_copied(tmp_path, samples):
-    """All is in it, where it is now."""
+    """Its new place contains all files."""
     writer = begin(tmp_path / "bag", samples)[0]
     (tmp_path / "bag").rename(tmp_path / "moved")
     with pytest.raises(BagError, match="cannot finish .*; all is in it"):

@@ -106,7 +106,7 @@ def test_every_message_decodes_with_both_readers(bag_directory, samples):
 
 
 def test_channels_carry_schema_hash_and_qos(bag_directory):
-    """What rosbag2 and Foxglove need stands in the file itself."""
+    """The file itself contains the information for rosbag2 and Foxglove."""
     reader = mcap_reader(bag_directory)
     header = reader.get_header()
     summary = reader.get_summary()
@@ -176,7 +176,7 @@ def test_same_calls_give_same_bytes(tmp_path, samples, compression):
 
 @pytest.mark.long
 def test_doctor_finds_nothing(tmp_path, samples):
-    """A third reader of MCAP, made to find fault with files."""
+    """A third reader of MCAP, which searches for errors in files."""
     doctor = Path(sys.executable).with_name("pymcap-cli")
     if not doctor.exists():
         pytest.skip("pymcap-cli is not installed")
@@ -194,7 +194,7 @@ def test_doctor_finds_nothing(tmp_path, samples):
 
 
 def test_existing_directory_is_refused_and_untouched(bag_directory):
-    """Nothing is ever overwritten, not even a directory without a bag."""
+    """No directory is overwritten, not even one without a bag."""
     before = {path.name: path.read_bytes() for path in bag_directory.iterdir()}
     with pytest.raises(BagError, match=f"{bag_directory} exists: choose another name"):
         BagWriter(bag_directory)
@@ -207,7 +207,7 @@ def test_existing_directory_is_refused_and_untouched(bag_directory):
 
 
 def test_topics_are_registered_once(tmp_path):
-    """Asking again gives the same channel."""
+    """A second call returns the same channel."""
     with BagWriter(tmp_path / "run") as bag:
         first = bag.add_topic("/a", STRING, QoS())
         assert bag.add_topic("/a", STRING, QoS()) == first
@@ -248,7 +248,7 @@ def unfinished_times(directory):
 
 
 def test_file_gets_its_name_when_it_is_whole(tmp_path):
-    """A finished file of that name, come from elsewhere, is not overwritten."""
+    """A finished file of that name from another source is not overwritten."""
     with BagWriter(tmp_path / "run"):
         assert [p.name for p in (tmp_path / "run").iterdir()] == ["run_0.mcap.partial"]
     names = ["metadata.yaml", "run_0.mcap"]
@@ -264,7 +264,7 @@ def test_file_gets_its_name_when_it_is_whole(tmp_path):
 
 
 def test_exception_abandons_the_bag_with_all_its_messages(tmp_path, samples):
-    """A broken run must not look whole; what it wrote is there all the same."""
+    """A broken run must not look whole; its messages are still there."""
     with (
         pytest.raises(RuntimeError),
         BagWriter(tmp_path / "run", chunk_size=1_000) as bag,
@@ -312,7 +312,7 @@ def test_full_disk_is_a_clear_error_and_stays_one(tmp_path):
 def test_disk_full_while_closing_leaves_every_message(
     tmp_path, samples, monkeypatch, room
 ):
-    """Wherever in the last records it happens: all that was flushed can be read."""
+    """At any place in the last records: all flushed messages can be read."""
     disk = Disk()
     monkeypatch.setattr(layout, "open", disk.open, raising=False)
     bag = BagWriter(tmp_path / "run")
@@ -325,7 +325,7 @@ def test_disk_full_while_closing_leaves_every_message(
 
 
 class Disk:
-    """A disk with one file, and room for so many bytes more; at first for many."""
+    """A disk with one file, and space for a number of further bytes; at first for many."""
 
     def __init__(self):
         self.room = 1 << 30

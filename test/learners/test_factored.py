@@ -257,11 +257,11 @@ def test_where_a_move_leads_is_worth_what_the_second_percept_would_be_there():
 
 def test_peers_share_what_is_in_the_way_as_they_are_to_blame():
     one = agent(name="env2-4r")
-    for blame, shares, all_of_them in (
+    for obstruction, shares, all_of_them in (
         ([0.0, -3.0, -1.0, 0.0], [0.75, 0.25, 0.0], 1.0),
         ([0.0] * 4, [1 / 3] * 3, 1.0),
     ):
-        one.mind.blame[EAST][:] = blame
+        one.mind.obstruction[EAST][:] = obstruction
         found = [share_of(one.mind, one.task, 1 << j, EAST) for j in (1, 2, 3)]
         assert found == shares
         others = ~1  # a failed percept's row is of all peers

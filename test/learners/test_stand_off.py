@@ -11,11 +11,11 @@ from sparse_coord_ros.core.game.actions import COORDINATE, EAST, PRIMITIVES, WES
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent, Decision
 from sparse_coord_ros.core.learners.factored import (
-    LEAST_WORTH,
+    LEAST_VALUE_SHARE,
     Factored,
+    cell_value,
     in_the_way,
     rho_key,
-    worth,
 )
 from sparse_coord_ros.core.learners.mind import place
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -168,8 +168,8 @@ def test_a_surplus_of_waiting_is_shared_by_the_peers_in_the_way():
 
 
 def test_cells_keep_a_share_of_their_worth_to_a_robot_alone_in_larger_teams():
-    for scenario, least in ((crowd(), LEAST_WORTH * 50.0), (drawn(), -7.0)):
+    for scenario, least in ((crowd(), LEAST_VALUE_SHARE * 50.0), (drawn(), -7.0)):
         one = Agent(Factored(), learner_of("factored").with_defaults(scenario), 0, 0)
         one.mind.alone[4] = [50.0, 10.0, 0.0, 0.0]
         one.mind.q_star[4] = [-9.0, -7.0, -8.0, -9.0, -9.0]
-        assert worth(one.mind, one.task, 4) == least
+        assert cell_value(one.mind, one.task, 4) == least

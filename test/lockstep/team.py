@@ -3,9 +3,9 @@
 """A whole team without ROS: processes that die and come back, over an unreliable network.
 
 Every process runs the state machines that the nodes run. Topics are FIFO queues, one for each
-publisher; which is served next is drawn. A process hears what is published while it is there, and
-of a latched topic the last message too. A robot that comes back hears states and rewards only
-some time later.
+publisher; the next queue is drawn. A process receives the messages that are published while it
+runs, and the last message of a latched topic. A robot that comes back receives states and rewards
+only some time later.
 """
 
 import random
@@ -27,7 +27,7 @@ QUIET = 60
 PATIENCE = 600
 """Deliveries without a time step after which deadlines pass."""
 LATEST_EAR = 300
-"""Of the team's clock: after so long a robot that comes back hears the world, at the latest."""
+"""Longest time, by the team's clock, until a robot that comes back receives the world."""
 TOO_LONG = 60_000
 """Deliveries after which a team that has not ended has a deadlock."""
 
@@ -37,7 +37,7 @@ class KilledError(Exception):
 
 
 class SpyAgent(Agent):
-    """Remembers what it learned from."""
+    """Records the transitions from which it learned."""
 
     def learn(self, step, choice, reward, next_cell):
         done = (step, choice.cell, reward.total, next_cell)
@@ -192,7 +192,7 @@ class RobotProcess:
         self.team.publish("progress", self, WORLD, (self.number, said), latched=True)
 
     def join(self):
-        """Listen from now on; what is under way was published to nobody."""
+        """Subscribe now; messages in flight are not received."""
         for (topic, _, to), queue in self.team.queues.items():
             if to == self.number and topic in ("state", "reward"):
                 queue.clear()
@@ -238,17 +238,17 @@ class Team:
 
     Args:
         scenario: the problem.
-        seed: of the network.
-        learner: who learns.
+        seed: seed of the network.
+        learner: the learner.
         checkpoint: steps between two checkpoints.
         rolls_back: the world's policy for robots that come back.
-        doubled, lost: shares of the messages that come twice, or not at all; `lost` may also tell
-            from (topic, to whom, message) whether a message is lost.
+        doubled, lost: shares of the messages that come twice, or not at all; `lost` may also be a
+            function of (topic, receiver, message).
 
     Attributes:
-        happened: of each robot the (step, reward, next cell) that the world has told.
-        percepts: (robot, step, cell, what it perceived) of each COORDINATE.
-        losses: (topic, to whom, message) of what was lost.
+        happened: for each robot the (step, reward, next cell) that the world has published.
+        percepts: (robot, step, cell, perceived cells) of each COORDINATE.
+        losses: (topic, receiver, message) of lost messages.
         clock: deliveries, and `QUIET` for each time that there was none to make.
     """
 
@@ -331,7 +331,7 @@ class Team:
         elif self.loses(topic, to, message):
             self.losses.append((topic, to, message))
             self.disturbed |= topic in ("ask", "answer")
-            # nobody waits for a robot that has arrived
+            # the world does not wait for an arrived robot
             if topic in (
                 "state",
                 "reward",
@@ -342,7 +342,7 @@ class Team:
         self.queues[key].append(message)
 
     def loses(self, topic, to, message):
-        """Whether a message is lost."""
+        """Return whether a message is lost."""
         if callable(self.lost):
             return self.lost(topic, to, message)
         return self.random.random() < self.lost
@@ -382,7 +382,7 @@ class Team:
 
     @property
     def all_listen(self):
-        """Whether all robots that are up hear the world."""
+        """Return whether all running robots receive the world."""
         return all(one.joined for who, one in self.up.items() if who != WORLD)
 
     @property
@@ -423,12 +423,12 @@ class Team:
         return self
 
     def later(self, deliveries, fault):
-        """Let a fault happen after so many deliveries more."""
+        """Let a fault happen after so many further deliveries."""
         self.faults.append((self.deliveries + deliveries, fault))
         self.faults.sort(key=lambda one: one[0])
 
     def deadline(self):
-        """Pass the robots' deadlines or, where they have none, the world's."""
+        """Pass the robots' deadlines or, if they have none, the world's."""
         awake = [who for who in self.up if who not in self.asleep]
         late = [
             who
@@ -442,13 +442,13 @@ class Team:
                 self.kill(who)
 
     def ends(self, step):
-        """The last words of an episode come once: who missed one does not learn its last step."""
+        """An episode's last messages come once; without one its last step is not learned."""
         self.disturbed |= not self.missed.isdisjoint(
             {("state", step), ("reward", step - 1)}
         )
 
     def settled(self):
-        """Whether nothing is to come any more."""
+        """Return whether no more messages will come."""
         waits = any(queue for key, queue in self.queues.items() if key[2] in self.up)
         late = any(one.side.waiting for who, one in self.up.items() if who != WORLD)
         return not waits and not late
@@ -458,7 +458,7 @@ class Team:
         return [self.up[k].side.agent.tables for k in range(self.robots)]
 
     def check_updates(self):
-        """Whatever was learned did happen; return of which (robot, step) nothing was learned."""
+        """Check that learned transitions happened; return the (robot, step) without learning."""
         missed = set()
         for k in range(self.robots):
             agent = self.up[k].side.agent

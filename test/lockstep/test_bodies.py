@@ -13,8 +13,8 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     BodiesSide,
     BodyGoal,
     BodyWorld,
+    GoalReport,
     Goals,
-    Reached,
     waves,
 )
 
@@ -48,11 +48,11 @@ def made():
 
 
 def arrive(side, goals, **cells):
-    """Let the bodies of goals report; `robot_K` says where one ends instead."""
+    """Let the bodies of goals report; `robot_K`: another cell in which one ends."""
     for goal in goals.bodies:
         cell = cells.get(f"robot_{goal.robot + 1}", goal.end)
         side.reached(
-            Reached(goal.robot, goals.number, cell, cell == goal.end, 1.5, 2.5)
+            GoalReport(goal.robot, goals.number, cell, cell == goal.end, 1.5, 2.5)
         )
 
 
@@ -74,9 +74,9 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
         1, 1, True, BEGIN, tuple(BodyGoal(k, c, c) for k, c in enumerate(starts))
     )
     assert side.placing and side.waiting == [0, 1]
-    assert not side.reached(Reached(0, 1, starts[0], True, 0.0, 0.0))
+    assert not side.reached(GoalReport(0, 1, starts[0], True, 0.0, 0.0))
     # now they are sent
-    assert not side.reached(Reached(1, 1, starts[1], True, 0.0, 0.0))
+    assert not side.reached(GoalReport(1, 1, starts[1], True, 0.0, 0.0))
     sent = port.goals[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
     assert sent.bodies == tuple(BodyGoal(k, starts[k], south[k]) for k in (0, 1))
@@ -103,7 +103,7 @@ def test_where_the_poses_say_it_is_counts(placed):
 def test_who_does_not_report_has_not_moved(placed):
     world, side, port = placed
     before = list(world.cells)
-    side.reached(Reached(0, 2, NO_CELL, False, 9.0, 0.0))
+    side.reached(GoalReport(0, 2, NO_CELL, False, 9.0, 0.0))
     assert side.waiting == [1]
     side.give_up()
     assert side.made(SOUTHWARD)
@@ -113,8 +113,8 @@ def test_who_does_not_report_has_not_moved(placed):
 
 def test_reports_of_older_goals_count_for_nothing(placed):
     _, side, port = placed
-    assert not side.reached(Reached(0, 1, 3, True, 1.0, 0.0))
-    assert not side.reached(Reached(5, 2, 3, True, 1.0, 0.0))
+    assert not side.reached(GoalReport(0, 1, 3, True, 1.0, 0.0))
+    assert not side.reached(GoalReport(5, 2, 3, True, 1.0, 0.0))
     assert side.waiting == [0, 1]
 
 
@@ -201,7 +201,7 @@ def test_a_step_takes_as_long_as_its_slowest_body(placed, seconds):
     world, side, port = placed
     for k, lasted in enumerate(seconds):
         goal = port.goals[1].bodies[k]
-        side.reached(Reached(k, 2, goal.end, True, lasted, 2.5))
+        side.reached(GoalReport(k, 2, goal.end, True, lasted, 2.5))
     assert side.seconds == 1.5
     world.advance(SOUTHWARD)
     side.made(SOUTHWARD)

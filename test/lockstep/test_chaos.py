@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs in which anything happens at any moment: no deadlock, no update of what did not happen.
+"""Runs with any fault at any moment: no deadlock, no update from a transition that did not happen.
 
-Where nothing was lost for good, the tables are those of an unbroken run, bit for bit.
+Without a final loss, the tables are those of an unbroken run, bit for bit.
 """
 
 from functools import cache, partial
@@ -81,7 +81,7 @@ def asleep(who, pause, how, team):
 
 WHO = st.integers(WORLD, 1)
 PAUSE = st.one_of(st.integers(0, 8), st.integers(0, 8), st.integers(0, 900))
-"""Deliveries; where nothing moves deadlines pass after ten."""
+"""Deliveries; if there are none, deadlines pass after ten."""
 FAULT = st.one_of(
     st.builds(partial, st.just(killed), WHO, PAUSE, st.just("resume")),
     st.builds(partial, st.just(killed), WHO, PAUSE, st.just("resume")),
@@ -129,7 +129,7 @@ COMMON = {
 
 
 def test_an_episodes_last_state_that_is_lost_is_never_said_again():
-    """So the transition that led there is not learned from, and the tables are others."""
+    """So the transition to it is not learned, and the tables differ."""
     team = Team(problem(0), 103, learner="noncoop", checkpoint=1, lost=0.02).play()
     assert team.disturbed and not tables_equal(team.tables, unbroken(0, "noncoop"))
     assert team.world.side.left_out == 0

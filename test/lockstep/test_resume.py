@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A team that goes on from its last common checkpoint: the tables of an unbroken run."""
+"""A team that continues from its last common checkpoint: the tables of an unbroken run."""
 
 import os
 from types import SimpleNamespace
@@ -47,12 +47,12 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
     scenario = problem(name, **settings)
     team = Team(scenario, 1, learner=learner, checkpoint=37)
     team.play([*killed_everywhere(700), *killed_everywhere(1100)])
-    scenario = team.scenario  # with what the learner changes in it
+    scenario = team.scenario  # with the learner's changes
     assert tables_equal(team.tables, learn(scenario, learner, 5))
     assert team.world.side.history.history().same_bits(history(scenario, learner))
     assert not team.disturbed
     whole = Team(scenario, 2, learner=learner).play()
-    # what is said beside the tables is that of an unbroken run too
+    # the counts beside the tables are also those of an unbroken run
     for k in range(team.robots):
         mine, theirs = (one.up[k].side.counts for one in (team, whole))
         assert {**mine, "repeated": 0} == {**theirs, "repeated": 0}
@@ -76,7 +76,7 @@ def test_whoever_dies_while_it_saves(who, when):
 
 @pytest.mark.parametrize("every", (24, 36, 48))
 def test_a_robot_comes_back_at_any_step(every):
-    """Also where it had arrived and only answers, and hears the world long after it has come."""
+    """Also if it had arrived and only answers, and receives the world long after its start."""
     scenario = problem("env1", perception="probability:0.7", epsilon="constant:1")
     team = Team(scenario, 4, checkpoint=every)
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
@@ -88,7 +88,7 @@ def test_a_robot_comes_back_at_any_step(every):
 def test_who_sleeps_while_the_team_goes_back_twice_learns_nothing_of_the_time_between(
     back,
 ):
-    """The world went on without it in between, under the time steps that came again."""
+    """In between the world continued without it, under the repeated time steps."""
     scenario = problem("env1")
     team = Team(scenario, 4, checkpoint=1000)
     robot = {"resume": True}
@@ -305,7 +305,7 @@ def test_a_directory_that_cannot_be_written(tmp_path, run):
 
 
 def test_a_checkpoint_does_not_depend_on_when_it_is_taken():
-    """While a robot waits at the barrier it is still where the step found it."""
+    """A robot at the barrier is still in the state of the step's beginning."""
     team = Team(problem("env1", steps=100), 7, checkpoint=1)
     team.play()
     states = team.disks[0]
@@ -330,12 +330,12 @@ def test_how_often_all_were_taken_back_is_counted(together):
 
 
 def heard_at(back, robot, step, **more):
-    """Let the world hear where a robot is: its step, and as many transitions."""
+    """Send the world a robot's progress: its step, and as many transitions."""
     back.heard(robot, Progress(f"life {robot}", step, step, (40, 0), **more))
 
 
 def test_a_world_that_goes_on_alone_begins_where_no_robot_takes_it_for_its_next_step():
-    """It may have seen one state more than it has worked off; from the next it would learn."""
+    """It may have received one state more than it has processed; from the next it would learn."""
     team = Team(problem("env1"), 4)
     side = team.world.side
     back = WorldRollback(team.world.side, team.world.store, 2)

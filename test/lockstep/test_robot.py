@@ -27,7 +27,7 @@ SETTINGS = {
 
 
 class Port:
-    """Writes down what the robot does."""
+    """Records the robot's actions."""
 
     def __init__(self):
         self.done = []
@@ -92,7 +92,7 @@ def q_star(robot, cell, action):
 
 
 LEARNED = 0.5 * 9 + 0.5 * (4 + 0.95 * 9)
-"""Q*(x, south) after the reward 4 on the way to a cell where it is 9."""
+"""Q*(x, south) after the reward 4 for a move to a cell with value 9."""
 
 
 def test_a_state_is_answered_once(robot, port):
@@ -303,7 +303,7 @@ def test_no_checkpoint_at_the_first_state_or_where_none_is_wanted():
         assert port.take() == [("act", first, GO)]
 
 
-# What it says of itself.
+# Its self-report.
 
 
 def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot, port):
@@ -361,7 +361,7 @@ def test_an_action_said_again_says_the_same_of_itself(robot, port):
 
 
 def test_a_reward_is_for_one_transition_only(robot):
-    """That of the action before does not stand in for one that has not come yet."""
+    """The earlier action's reward does not replace one that has not come yet."""
     robot.state(1, 0)
     robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(2, 1)
@@ -370,7 +370,7 @@ def test_a_reward_is_for_one_transition_only(robot):
 
 
 def test_a_robot_that_rests_waits_for_no_answer_any_more():
-    """The world went on without it, into the episode's last state."""
+    """The world continued without it, into the episode's last state."""
     robot, port = make_robot(max_steps=1)
     robot.state(1, ASKING_CELL)
     assert robot.waiting == ("percept", 1)
@@ -392,7 +392,7 @@ def test_a_robot_that_does_not_learn_says_so(robot, port):
 
 
 def test_a_robot_that_goes_on_from_any_moment_does_and_counts_the_same():
-    """What it had chosen at the time step of the snapshot, it chooses again."""
+    """It chooses the same action again at the time step of the snapshot."""
     reward = Reward(4.0, 0.0, 0.0, 4.0)
     messages = [
         *(("state", 1, 0), ("reward", 1, reward)),

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """World and robots over a network that shuffles, doubles, delays and loses messages.
 
-Whatever order messages come in, the tables must be those of `core.runs.run.learn`, bit for bit;
-where messages are lost for good, exactly the transitions that they belonged to are not learned.
+With messages in any order, the tables must be those of `core.runs.run.learn`, bit for bit. If
+messages are lost for good, exactly their transitions are not learned.
 """
 
 import random
@@ -59,13 +59,13 @@ CASES = [
     pytest.param("env1", "factored", {"steps": 600, **ASKED}, 0.2, id="factored"),
     pytest.param("env2-4r", "factored", ASKED, 0.0, id="factored, a referee"),
 ]
-"""Each learner that runs live, and how many messages come twice."""
+"""Each learner that runs live, and the share of messages that come twice."""
 
 
 @pytest.mark.parametrize("shuffle", SHUFFLES)
 @pytest.mark.parametrize(("name", "learner", "settings", "doubled"), CASES)
 def test_any_order_gives_the_same_bits(name, learner, settings, doubled, shuffle):
-    """Also where messages come twice."""
+    """Also if messages come twice."""
     given = {"steps": 300, "perception": "probability:0.7", **settings}
     scenario = learner_of(learner).with_defaults(problem(name, **given))
     team = played(scenario, shuffle, learner=learner, doubled=doubled)
@@ -83,7 +83,7 @@ def test_any_order_gives_the_same_bits(name, learner, settings, doubled, shuffle
 
 
 def test_the_cases_show_what_they_are_for():
-    """A factored robot learns from being asked; a peer that is behind is asked again."""
+    """A factored robot learns from peers' questions; a peer that is behind is asked again."""
     scenario = learner_of("factored").with_defaults(problem("env1", steps=600, **ASKED))
     learned = learn(scenario, "factored", 5)
     assert any(len(tables.memory["rho_keys"]) for tables in learned)
@@ -119,7 +119,7 @@ def test_perception_that_works_one_way():
     "kinds", [("state",), ("action",), ("reward",), ("state", "action", "reward")]
 )
 def test_repetition_heals_lost_messages(kinds, seed):
-    """But for a robot's last words, which come once: arrivals, and the run's end."""
+    """Except a robot's last messages, which come once: arrivals, and the run's end."""
     scenario = problem("env1", steps=600, perception="probability:0.7")
     draws = random.Random(seed)
 
@@ -169,7 +169,7 @@ def test_a_reward_lost_for_good_is_one_transition_not_learned(arrival):
 
 
 def test_a_state_lost_for_good_is_two_transitions_not_learned():
-    """Neither the one that led there nor the one from there; the world goes on without."""
+    """The transitions to it and from it are not learned; the world continues without the robot."""
     scenario = problem("env1", steps=600)
     lost = first("state", lambda message: message[1] != scenario.robots[0].goal)
     team = played(scenario, 3, lost=lost)

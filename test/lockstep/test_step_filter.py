@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which time steps a robot believes."""
+"""The time steps that a robot accepts."""
 
 import itertools
 
@@ -12,7 +12,7 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.protocol.lockstep.step_filter import NEAR, StepFilter
 
 GAPS = st.lists(st.sampled_from([1, NEAR]), min_size=1, max_size=30)
-"""Between two time steps of the world: of one episode, and where another one begins."""
+"""Between two time steps of the world: of one episode, and at another one's beginning."""
 
 
 @given(GAPS)
@@ -27,7 +27,7 @@ def test_the_worlds_own_steps_pass(gaps):
 
 @given(GAPS, st.data(), st.integers(NEAR + 1, 10**9))
 def test_one_step_far_ahead_makes_nobody_deaf(gaps, data, ahead):
-    """It is not believed, and forgotten when the world goes on."""
+    """It is not accepted, and dropped when the world continues."""
     step_filter = StepFilter()
     steps = list(itertools.accumulate(gaps))
     at = data.draw(st.integers(0, len(steps) - 1))

@@ -8,7 +8,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire import Began
+from sparse_coord_ros.protocol.wire import StartReason
 
 EAST = Action(2, False, -1, False)
 WEST = Action(3, False, -1, False)
@@ -17,7 +17,7 @@ DOWN = Action(1, False, -1, False)
 
 
 class Port:
-    """Writes down what the world says."""
+    """Records the world's messages."""
 
     def __init__(self):
         self.said = []
@@ -171,7 +171,7 @@ def test_the_budget_ends_everything():
 
 
 def test_the_last_states_are_said():
-    """Without them nobody would learn from the last transition."""
+    """Without them no robot would learn from the last transition."""
     world, port = make_world(steps=1)
     port.take()
     play(world, DOWN, DOWN)
@@ -198,7 +198,7 @@ def test_a_silent_robot_is_left_out_and_taken_back(world, port):
         ("state", 0, 2, 4),
         ("state", 1, 2, 3),
     ]
-    assert world.action(0, 2, DOWN) is True  # nobody waits for robot 2
+    assert world.action(0, 2, DOWN) is True  # the world does not wait for robot 2
     world.advance()
     assert world.timeouts == 1
     world.action(1, 2, DOWN)  # too late, but it is there again
@@ -210,7 +210,7 @@ def test_a_silent_robot_is_left_out_and_taken_back(world, port):
 
 
 def test_a_silent_robot_beside_an_arrived_one_ends_the_episode(world):
-    """The arrived one goes on with a new episode instead of waiting for ever."""
+    """The arrived one continues with a new episode instead of waiting for ever."""
     arrive(world)
     step = world.world.step
     made = world.world.transitions
@@ -280,7 +280,7 @@ def test_repeat_in_a_new_episode_says_no_old_reward(world, port):
 
 
 def test_it_counts_whom_it_leaves_out_at_each_step(world):
-    """Not who had arrived, and not where no transition was made."""
+    """Arrived robots do not count, nor steps without a transition."""
     world.action(0, 1, DOWN)
     world.expire()
     assert world.left_out == 1
@@ -294,21 +294,21 @@ def test_it_counts_whom_it_leaves_out_at_each_step(world):
 
 def test_it_says_why_an_episode_began():
     world, _ = make_world(max_steps=2)
-    assert world.began == Began.START
+    assert world.began == StartReason.START
     play(world, DOWN, DOWN)
     play(world, DOWN, DOWN)
-    assert world.began == Began.STEPS
+    assert world.began == StartReason.STEPS
     world.new_episode()
-    assert world.began == Began.RESET
+    assert world.began == StartReason.RESET
     beside, _ = make_world()
     arrive(beside)
     beside.expire()
-    assert beside.began == Began.NOBODY_LEFT
+    assert beside.began == StartReason.NOBODY_LEFT
     together, _ = make_world()
     together.world.arrived = [False, True]
     together.world.cells = [19, 17]
     play(together, EAST)
-    assert together.began == Began.ARRIVED
+    assert together.began == StartReason.ARRIVED
 
 
 def test_it_goes_on_where_another_one_was(world):
@@ -343,7 +343,7 @@ def test_a_later_beginning_leaves_out_what_was_done_since(world):
         28,
         1,
     )
-    assert (world.began, world.lost) == (Began.RESET, 28)
+    assert (world.began, world.lost) == (StartReason.RESET, 28)
     world.go_on_from(world.snapshot())
     world.begin_at(41, 36)
     assert world.lost == 36, "those of both restarts"
@@ -377,7 +377,7 @@ def test_an_episode_that_goes_on_is_not_told_again():
 
 
 def test_robots_that_have_seen_less_than_the_world_take_nothing_from_it(world):
-    """They say how far they are; the world's own count is the higher one."""
+    """They report their progress; the world's own count is higher."""
     for _ in range(2):
         play(world, DOWN, DOWN)
     world.begin_at(20, transitions=1)

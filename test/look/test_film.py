@@ -139,7 +139,7 @@ def test_many_questions_are_told_in_few_words_and_hide_no_robot():
         "and 4 more",
     ]
     alone = Question(0, (), wire.PerceptEnd.NOBODY_TO_ASK, 2)
-    assert alone.in_words(["a"]) == "a asks no robot: no answer, goes east"
+    assert alone.in_words(["a"]) == "a asks no peer: no answer, goes east"
     for colour in ROBOT_COLOURS:
         assert near(asking, colour).sum() > 0.6 * near(quiet, colour).sum()
 

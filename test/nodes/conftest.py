@@ -66,7 +66,7 @@ transports of its own, shared memory among them.
 """
 
 SAY_AGAIN_SECONDS = 0.1
-"""Between two times that an observer says the same."""
+"""Between two repeats of an observer's message."""
 
 
 class Bench:
@@ -103,13 +103,13 @@ class Bench:
             node.destroy_node()
 
     def stop(self, node: Node) -> None:
-        """End a node as its executable does that gets a signal."""
+        """End a node as its executable does after a signal."""
         self.spin_until(node.may_stop, f"{node.get_name()} may stop")
         node.finish(interrupted=not node.done)
         self.destroy(node)
 
     def close(self) -> None:
-        """Take all nodes and their contexts away: another team may have their names."""
+        """Destroy all nodes and their contexts: another team may have their names."""
         self._stack.close()
         self._places.clear()
 
@@ -143,14 +143,14 @@ class Bench:
         )
 
     def observer(self, namespace: str = "") -> "Observer":
-        """Start a node that is no part of the team, in a context of its own."""
+        """Start a node outside of the team, in its own context."""
         context = self.place("observer")[0]
         return self.add(Observer(context, namespace, self), "observer")
 
     def spin_until(
         self, condition, what: str = "", seconds: float = PATIENCE_SECONDS
     ) -> None:
-        """Spin until a condition holds; nodes that are done say their last words."""
+        """Spin until a condition holds; nodes that are done send their last messages."""
         deadline = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < deadline, (
@@ -167,7 +167,7 @@ class Bench:
 
     @contextmanager
     def spinning(self, *, but: str = ""):
-        """Spin in a thread meanwhile, all but one place: the test waits for something else."""
+        """Spin all places but one in a thread, while the test waits."""
         over = threading.Event()
         executors = [one for name, (_, one) in self._places.items() if name != but]
 
@@ -204,7 +204,7 @@ class Bench:
 
 
 class Observer(Node):
-    """Listens to topics and calls services, and keeps what comes."""
+    """Subscribes to topics and calls services, and keeps the received messages."""
 
     def __init__(self, context, namespace: str, bench: Bench) -> None:
         super().__init__("observer", context=context, namespace=namespace)
@@ -251,7 +251,7 @@ class Observer(Node):
         return future.result()
 
     def count(self, topic: str) -> int:
-        """Return how many publishers of a topic are known."""
+        """Return the number of known publishers of a topic."""
         return len(self.get_publishers_info_by_topic(self.resolve_topic_name(topic)))
 
 
@@ -280,7 +280,7 @@ def types(built_types):
 
 @pytest.fixture(scope="session")
 def executor_kind(request):
-    """Return the executor that the tests are to use: that of the option --executor."""
+    """Return the executor for the tests: that of the option --executor."""
     return request.config.getoption("--executor")
 
 
@@ -293,7 +293,7 @@ def bench(own_domain, executor_kind):
 
 @pytest.fixture
 def benches(own_domain, executor_kind):
-    """Return a maker of benches, for tests that want several or a certain executor."""
+    """Return a maker of benches, for tests that need several or a certain executor."""
     with ExitStack() as stack:
         yield lambda executor=executor_kind: Bench(stack, executor)
 
@@ -307,7 +307,7 @@ def module_bench(executor_kind):
 
 @pytest.fixture(scope="session")
 def simulate():
-    """Return a function that tells what is said in a run, from the simulation without ROS."""
+    """Return a function that computes a run by the simulation without ROS."""
 
     def simulation(
         name: str, settings: dict, *, seed: int = 0, learner: str = "coop", tables=None
@@ -390,7 +390,7 @@ class Process:
         self.pid = self._popen.pid
 
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Return whether it has not ended."""
         return self._popen.poll() is None
 
     def send_signal(self, number: int) -> None:
@@ -404,7 +404,7 @@ class Process:
 
     @property
     def output(self) -> str:
-        """What it has printed, on stdout and stderr."""
+        """Return its output, on stdout and stderr."""
         return self._log.read_text(errors="replace")
 
     def wait_for(self, text: str, times: int = 1) -> None:
@@ -451,10 +451,10 @@ def start_node(start, executor_kind):
 
 @pytest.fixture
 def ended_by(bench, monkeypatch, capfd):
-    """Return a function that runs an executable here, and ends it by a signal once it is there."""
+    """Return a function that runs an executable here, and ends it by a signal after its start."""
 
     def end(main, number, topic, *parameters):
-        """Return the exit code, and what was said on stderr.
+        """Return the exit code, and the text on stderr.
 
         Args:
             main: the executable's function.

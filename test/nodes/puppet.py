@@ -6,17 +6,17 @@ from rclpy.serialization import serialize_message
 
 
 def puppet(kind):
-    """Return a class of nodes of a kind that hear and tick when the test says so.
+    """Return a class of nodes of a kind that receive messages and tick when the test calls them.
 
     Its nodes have their subscriptions and timers all the same; nobody spins them.
     """
 
     class Puppet(kind):
-        """A node in the test's hands.
+        """A node that the test drives.
 
         Attributes:
-            ears: its subscriptions: what is subscribed to, and what takes in the bytes.
-            ticking: what the timers call.
+            ears: its subscriptions: topics, each with its callback for bytes.
+            ticking: the callbacks of the timers.
         """
 
         def create_subscription(self, msg_type, topic, callback, *args, **more):
@@ -29,7 +29,7 @@ def puppet(kind):
             return super().create_timer(seconds, callback, *args, **more)
 
         def hear(self, topic, message):
-            """Let a message come on a topic, to whatever still listens to it."""
+            """Deliver a message on a topic to its subscriptions."""
             for ear, callback in list(self.ears):
                 if ear.topic == topic and ear in self.subscriptions:
                     callback(serialize_message(message))

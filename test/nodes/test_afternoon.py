@@ -21,7 +21,7 @@ DRIVEN = {"speed": 0.25, "turn": 1.0, "near": 0.1, "step_seconds": 7.0}
 
 
 def lab(folder, **settings):
-    """Make the scenario of docs/real_robots.md, and return where it is."""
+    """Make the scenario of docs/real_robots.md, and return its path."""
     words = "--cell 0.65 --radius 0.2 --start 0,0 3,0 --goal 3,0 0,0".split()
     for name, value in {"penalty": -100, "steps": STEPS, **settings}.items():
         words += ["--set", f"{name}={value}"]

@@ -84,7 +84,7 @@ stop each other, pay for exchanges, and are paid for help."""
 
 @pytest.fixture
 def played(tmp_path, simulate):
-    """Return a function that gives a learner's game: scenario, settings, and what it comes to."""
+    """Return a function that gives a learner's game: scenario, settings, and result."""
 
     def play(learner):
         scenario, settings, how = GAMES[learner]
@@ -134,7 +134,7 @@ def test_team_in_one_process(tmp_path, played, assert_same_tables, learner):
 
 
 def percepts_in(bag, namespace, run):
-    """Return what robots said of their percepts: {(robot, step): own cell, and those of peers}."""
+    """Return the robots' published percepts: {(robot, step): own cell, and those of peers}."""
     convert = Converter(run)
     found = {}
     topics = [
@@ -152,7 +152,7 @@ def percepts_in(bag, namespace, run):
 
 
 def test_the_games_show_what_they_are_for(played):
-    """The runs above would say little if robots never met, asked, or marked a cell."""
+    """The runs above would prove little if robots never met, asked, or marked a cell."""
     _, _, coop, _ = played("coop")
     assert any(reward.common == -200.0 for reward in coop.rewards.values())
     seen = [peers for _, peers in coop.percepts.values()]
@@ -178,7 +178,7 @@ def test_the_games_show_what_they_are_for(played):
 def test_every_node_in_its_own_process(
     tmp_path, played, start, assert_same_tables, learner
 ):
-    """Which learner it is changes nothing on the way from process to process."""
+    """The learner has no influence on the way from process to process."""
     scenario, sets, said, how = played(learner)
     out = tmp_path / "out"
     words = ["--learner", learner, "--seed", str(SEED), "--out", str(out)]

@@ -28,7 +28,7 @@ from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.log.runlog import verify
-from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.ros.nodes import mover
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
@@ -169,19 +169,19 @@ def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips
 
 
 def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatch):
-    """Else it would say again what the body has heard, which then goes a tick too far."""
+    """Else it repeats a command, and the body goes a tick too far."""
     monkeypatch.setattr(mover, "HEAP_SECONDS", PATIENCE_SECONDS)
     taken = []
 
     class Taking(Driver):
-        """Keeps the times of the poses that it takes in."""
+        """Keeps the times of its poses."""
 
         def sees(self, seconds, pose):
             taken.append(seconds)
             super().sees(seconds, pose)
 
     class Sleepy(DriverNode):
-        """Takes poses in, and does not drive."""
+        """Receives poses, and does not drive."""
 
         def make(self, metric_map, number):
             return Taking(metric_map, None, number)
@@ -283,7 +283,7 @@ def test_at_their_own_speed(bench, tmp_path):
 
 
 def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
-    """Else each step adds to it, and a team that is under way seems to stand still."""
+    """Else each step adds to it, and a moving team seems to have stopped."""
     world = bench.world(bodies=True)
     bodies = world.bodies
     waited = []
@@ -302,8 +302,8 @@ def test_goals_and_reports_travel(own_domain):
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
     assert convert.read_goals(convert.goals_message(goals)) == goals
     for reached in (
-        Reached(0, 3, 5, True, 1.25, 0.0),
-        Reached(0, 3, -1, False, 9.0, 0.0),
+        GoalReport(0, 3, 5, True, 1.25, 0.0),
+        GoalReport(0, 3, -1, False, 9.0, 0.0),
     ):
         assert convert.read_reached(0, convert.reached_message(17, reached)) == reached
 
@@ -347,7 +347,7 @@ def test_poses_of_other_types(bench, pose_type, kind):
 
 
 def transforms(*links):
-    """Return what a TFMessage holds, whose class is not in the wheels.
+    """Return the content of a TFMessage, whose class is not in the wheels.
 
     Args:
         links: (parent, child, x in metres, seconds) of each transform.
@@ -386,7 +386,7 @@ def test_transforms_need_their_package(bench, monkeypatch):
 
 
 def test_a_body_whose_poses_stop_is_stopped(bench):
-    """And what is no pose of the map is dropped."""
+    """And poses outside of the map are dropped."""
     context = bench.place()[0]
     world = bench.world(bodies=True, set=["steps=5"])
     driver = bench.add(
@@ -450,7 +450,7 @@ def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
 
 
 def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench):
-    """A report is said once. One that is said before would leave the world waiting for ever."""
+    """A report is sent once; before the subscription it would be lost."""
     world = bench.world(bodies=True)
     values = {"robot": "robot_1"}
     driver = puppet(DriverNode)(context=bench.place()[0], values=values)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fast CDR says what rclpy says, byte for byte, and reads what anybody may send."""
+"""The fast CDR packs the same bytes as rclpy, and reads any message."""
 
 import re
 import struct
@@ -29,7 +29,7 @@ FORMS = st.sampled_from([(REWARD_FORM, REWARD), (ACTION_FORM, ACTION)])
 
 
 def assert_same_cdr(data, message):
-    """Check bytes against rclpy's, which holds random ones where no field lies and at its end."""
+    """Check bytes against rclpy's, which has random bytes between fields and at its end."""
     theirs = serialize_message(message)
     assert len(data) <= len(theirs) <= len(data) + 8
     assert all(
@@ -56,7 +56,7 @@ def labelled(labels, numbers, sec=5, nanosec=6):
 
 
 def said(form, message):
-    """Return what a message says that came as rclpy's bytes, by layout or decoded."""
+    """Return the content of a message in rclpy's bytes, by layout or decoded."""
     data = serialize_message(message)
     values = form.layout.unpack(data)
     if values is not None:

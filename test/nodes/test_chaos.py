@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs over ROS 2 in which anything happens to any process: see chaos.py."""
+"""Runs over ROS 2 with any fault in any process: see chaos.py."""
 
 import subprocess
 import sys

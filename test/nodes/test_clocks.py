@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Time bases: what is shown has the time of the clock that its viewers follow."""
+"""Time bases: displayed messages have the time of their viewers' clock."""
 
 import time
 
@@ -33,9 +33,9 @@ def stamps(arrays):
 def test_what_is_shown_has_the_time_of_the_clock_that_others_follow(
     bench, tmp_path, simulate, assert_same_tables, clock
 ):
-    """Where the clock is others', markers of the run's time would be long gone.
+    """With another clock, markers of the run's time would be long past.
 
-    Another's clock runs beside then: the log has the run's own, from a topic that is hidden.
+    A foreign clock then runs beside: the log has the run's own, from a hidden topic.
     """
     out = tmp_path / "out"
     own = clock == "own"
@@ -107,7 +107,7 @@ def fleets(bench, tmp_path):
 
 
 def within(clock, found):
-    """Whether times lie in those that a clock has said, but for the newest, under way."""
+    """Return whether times are within a clock's published ones, except the newest, in flight."""
     said = [seconds(one.clock) for one in clock]
     return min(said) <= min(found) and max(found) <= max(said)
 

@@ -85,7 +85,7 @@ def test_a_robot_of_ours_keeps_the_contract_checkpoints_too(judged, tmp_path):
     [(True, BROKEN_ONE), pytest.param(False, NOT_SEEN, marks=pytest.mark.long)],
 )
 def test_checkpoints_may_be_required(judged, example, required, verdict):
-    """A robot may keep none: then it is not asked to go back, and that is not seen."""
+    """A robot may keep none: then it gets no order to go back, and the obligation is not seen."""
     scripted = judged(example("own_robot"), checkpoints=required)
     [goes_back] = [one for one in scripted.judged() if one.name == "goes back"]
     assert goes_back.verdict == verdict
@@ -129,7 +129,7 @@ BROKEN = [
     ("percept", LEARNS, "[self.state, seen] if seen else", ""),
     ("goes back", LEARNS, '"state", "step"', '"step"'),
 ]
-"""Which obligation is broken by what change of a robot of examples/."""
+"""Changes of a robot of examples/, each with the obligation that it breaks."""
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_where_no_robot_runs_the_verb_says_what_is_missing(capfd, monkeypatch):
 
 
 def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example, capfd):
-    """World, peer and recorder take it for one of theirs; verify checks all that can be known."""
+    """World, peer and recorder accept it; verify checks everything that the log contains."""
     world = bench.world(set=["steps=150"], out=str(tmp_path), recorded=True)
     recorder = bench.recorder(tmp_path / "bag")
     peer = bench.robot("robot_2")

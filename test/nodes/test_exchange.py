@@ -65,7 +65,7 @@ def test_each_robot_plans_what_a_run_without_ros_plans_and_verify_again(
 
 
 class Silent(RobotNode):
-    """Robots of which robot_2 says nothing of what it has learned."""
+    """Robots; robot_2 does not send its memory."""
 
     def create_service(self, kind, name, answer, **more):
         def say_nothing(request, response):
@@ -118,11 +118,11 @@ def test_a_second_server_of_what_was_learned_is_told(bench, capfd):
 
 
 class Asking:
-    """Of a robot's node what its exchange needs; the answers of its peers are there at once.
+    """The part of a robot's node for its exchange; its peers answer at once.
 
     Attributes:
-        answer: how it answers its peers.
-        dropped: what did not fit.
+        answer: its answer to its peers.
+        dropped: the dropped messages.
     """
 
     def __init__(self, name):
@@ -145,12 +145,12 @@ class Asking:
         self.dropped.append(why)
 
     def says(self):
-        """Return what it answers a peer."""
+        """Return its answer to a peer."""
         return self.answer(Trigger.Request(), Trigger.Response())
 
 
 class Client:
-    """A client of what a peer has learned.
+    """A client of a peer's memory.
 
     Args:
         says: returns the peer's answer.
@@ -185,7 +185,7 @@ RUN = make_run(
 
 
 def learned(robot, change=None):
-    """Return what a robot has learned, packed; changed where `change` says so."""
+    """Return a robot's memory, packed; changed by `change`."""
     agent = Agent(RUN.rule, RUN.scenario, robot, 0)
     memory = agent.memory()
     if change is not None:
@@ -209,7 +209,7 @@ def in_base64(data):
 
 
 def infinite(memory):
-    """Return what no robot can have learned."""
+    """Return an impossible memory."""
     return {"q_star": memory["q_star"] * np.inf}
 
 
@@ -235,7 +235,7 @@ def test_a_robot_says_what_it_has_learned_once_it_has_learned_all():
     ids=["no base64", "no archive", "cannot be learned", "not yet", "good"],
 )
 def test_only_what_a_robot_can_have_learned_is_used(said, drops):
-    """A stranger, or a peer of another version, may say anything: nobody plans on it."""
+    """A foreign node, or a peer of another version, may send any memory: no robot plans on it."""
     mine, node = exchange("robot_1")
     node.shared_clients[LEARNED.of("robot_2")] = Client(lambda: said)
     mine.over()
@@ -245,7 +245,7 @@ def test_only_what_a_robot_can_have_learned_is_used(said, drops):
 
 
 def test_nobody_leaves_before_its_peers_have_asked():
-    """Nor before it knows all."""
+    """Nor before it has all memories."""
     first, node = exchange("robot_1")
     second, other = exchange("robot_2")
     node.shared_clients[LEARNED.of("robot_2")] = Client(other.says)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are killed, restarted or interrupted: the others go on, and nothing is lost."""
+"""Nodes that are killed, restarted or interrupted: the others continue, without a loss."""
 
 import signal
 import subprocess
@@ -82,7 +82,7 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
 
 
 def test_the_team_ends_when_the_world_fails(bench, tmp_path):
-    """One robot never comes: the world gives up, and who waited for it ends too."""
+    """One robot never comes: the world gives up, and the waiting nodes end too."""
     recorder = bench.recorder(tmp_path / "bag")
     robot = bench.robot("robot_1", out=str(tmp_path))
     world = bench.world()
@@ -101,7 +101,7 @@ MAINS = {
     "robot": (robot.main, [], "robot/_claim"),
     "recorder": (recorder.main, ["out:={out}"], "_recording"),
 }
-"""Of each node its executable, its parameters, and a topic that is there when it is."""
+"""For each node its executable, its parameters, and a topic that shows its presence."""
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_waiting_node_ends_well_on_a_signal(ended_by, tmp_path, name, number):
     ],
 )
 def test_a_signal_while_modules_are_imported(name, code, number, said):
-    """It comes before ROS and NumPy are there; the import is replaced by the signal."""
+    """It comes before the import of ROS and NumPy; the signal replaces the import."""
     program = (
         "import os, sys, time; import sparse_coord_ros.executables as e\n"
         "e.importlib.import_module = lambda module: "

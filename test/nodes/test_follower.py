@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node that follows a run: whose run it stays with, and how long it waits at a signal."""
+"""A node that follows a run: the choice of its run, and its wait after a signal."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -44,7 +44,7 @@ def announced(name):
 
 
 def say(node, *said):
-    """Let the world say its status to a node."""
+    """Send the world's status to a node."""
     status_of = RunStatus(*said)
     node.hear("status", status("env1", status_of.state, status_of.values()))
 
@@ -121,7 +121,7 @@ def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
 def test_a_recorder_that_goes_on_says_what_it_waits_for(
     own_domain, tmp_path, capfd, monkeypatch
 ):
-    """It knows the run at once, but not yet from where that goes on."""
+    """It knows the run at once, but not yet the step from which it continues."""
     monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.0)
     values = {"out": str(tmp_path / "bag"), "resume": True}
     with ros_context() as context:

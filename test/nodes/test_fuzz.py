@@ -94,7 +94,7 @@ def resident():
 def test_minutes_of_fuzz_change_nothing(
     bench, tmp_path, simulate, assert_same_tables, capfd
 ):
-    """A team under fire, which may finish then; neither does it take ever more memory."""
+    """The team finishes in spite of the messages; and its memory does not grow."""
     settings = [f"{name}={value}" for name, value in SETTINGS.items()]
     world = bench.world(
         out=str(tmp_path), set=settings, rate=20 / SECONDS, recorded=True

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Halting a team: by its world, by a driver, from outside; drivers that come late, lost words."""
+"""Halting a team: by its world, by a driver, from outside; late drivers, lost orders."""
 
 import json
 import re
@@ -16,7 +16,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltWord
+from sparse_coord_ros.protocol.lockstep.bodies import NO_GOALS, HaltOrder
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.ros.nodes import halting, ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
@@ -75,7 +75,7 @@ def spin_for(bench, seconds):
 
 
 def test_one_call_halts_all_and_another_lets_them_go_on(bench, team):
-    """No time of a move passes meanwhile, neither the driver's nor the world's."""
+    """The time limits of a move do not run meanwhile, neither the driver's nor the world's."""
     world, drivers = team
     observer = bench.observer()
     commands = [observer.listen(Twist, f"{robot}/cmd_vel") for robot in ROBOTS]
@@ -162,7 +162,7 @@ def test_a_world_that_comes_back_finds_the_team_halted(bench, team, tmp_path):
 
 
 def test_only_a_new_word_of_the_world_counts(bench):
-    """What is heard first may have been said long ago; what is repeated says nothing new."""
+    """The first received order may be old; a repeated one is not new."""
     values = {"robot": "robot_1"}
     driver = bench.add(puppet(DriverNode)(context=bench.place()[0], values=values))
     observer = bench.observer()
@@ -171,17 +171,17 @@ def test_only_a_new_word_of_the_world_counts(bench):
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
     assert observer.call(SetBool, "driver/halt", HALT).success
     for word, halted in [
-        (HaltWord.GO_ON, True),
-        (HaltWord.HALT, True),
-        (HaltWord.GO_ON, False),
-        (HaltWord.NOTHING, False),
-        (HaltWord.HALT, True),
-        (HaltWord.NOTHING, True),
+        (HaltOrder.GO_ON, True),
+        (HaltOrder.HALT, True),
+        (HaltOrder.GO_ON, False),
+        (HaltOrder.NOTHING, False),
+        (HaltOrder.HALT, True),
+        (HaltOrder.NOTHING, True),
     ]:
         goals = NO_GOALS._replace(halt=word)
         driver.hear("goals", convert.goals_message(goals))
         assert driver.halted == halted, word
-    for word in HaltWord:
+    for word in HaltOrder:
         goals = NO_GOALS._replace(halt=word)
         assert convert.read_goals(convert.goals_message(goals)) == goals
     message = convert.goals_message(NO_GOALS)
@@ -208,7 +208,7 @@ def test_a_word_that_is_lost_is_said_again_and_the_world_tells_who_has_not_confi
     before = len(heard)
     bench.spin_until(lambda: len(heard) > before + 2, "said again")
     said = dict(zip(heard[-1].name, heard[-1].position, strict=True))
-    assert said["halt"] == HaltWord.HALT
+    assert said["halt"] == HaltOrder.HALT
     says = observer.create_publisher(Bool, "robot_1/halted", ros_topics.LATCHED_QOS)
     says.publish(Bool(data=True))
     bench.spin_until(
@@ -231,7 +231,7 @@ def test_without_bodies_there_is_nothing_to_halt(bench):
 
 
 def test_from_the_page_which_may_be_closed_then(bench, team, monkeypatch):
-    """A wish that is fulfilled is over: the page does not repeat it when others let them go on."""
+    """A fulfilled request is over: the page does not repeat it later."""
     monkeypatch.setattr(halting, "FIND_SECONDS", 0.5)
     world, drivers = team
     page = WatchNode(context=bench.place("observer")[0], values={"port": 0})

@@ -178,7 +178,7 @@ class Faulty(ParameterNode):
 def test_any_exception_saves_and_is_told(
     benches, capfd, executor, error, code, text, told
 ):
-    """In one line, with an exit code, and on /rosout."""
+    """The error is one line, with an exit code, and on /rosout."""
     bench = benches(executor)
     heard = bench.observer().listen(Log, "/rosout", latched=True)
     nodes = []
@@ -197,7 +197,7 @@ def test_any_exception_saves_and_is_told(
 
 
 def test_who_gives_way_to_another_node_of_its_name_saves_nothing():
-    """What it has begun is the other one's."""
+    """Its run directory belongs to the other one."""
     done = []
     node = SimpleNamespace(failure=None, destroy_node=lambda: done.append("gone"))
     with pytest.raises(NameTakenError), ending([node], lambda: done.append("saved")):
@@ -295,7 +295,7 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
         return response
 
     class Slow(RobotNode):
-        """A robot that answers after the stranger."""
+        """A robot that answers after the foreign server."""
 
         def create_service(self, kind, name, answer, **more):
             def answer_later(request, response):
@@ -367,7 +367,7 @@ def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
 
 
 def test_world_and_recorder_may_be_renamed(bench, tmp_path):
-    """Their roles are known by what they publish; and /clock stands still for use_sim_time."""
+    """Their topics show their roles; and /clock stands still for use_sim_time."""
 
     def start(kind, name, *parameters):
         own = ["--ros-args", "-r", f"__node:={name}", "-p", "use_sim_time:=true"]

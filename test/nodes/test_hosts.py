@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Teams on several hosts: the same bits, however the network is; with network namespaces."""
+"""Teams on several hosts: the same bits with any network; with network namespaces."""
 
 import os
 import re

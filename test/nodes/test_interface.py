@@ -54,14 +54,14 @@ ROBOT = {
     "tables": ("std_msgs/msg/UInt8MultiArray", True),
     "_claim": ("std_msgs/msg/Header", True),
 }
-"""Type of every topic, and whether it is latched, as the design says (not as the code says)."""
+"""Type of every topic, and whether it is latched, by the design (not from the code)."""
 
 TOPICS = TEAM | {f"{name}/{topic}": of for name in NAMES for topic, of in ROBOT.items()}
 
 
 @pytest.fixture(scope="module")
 def team(module_bench, tmp_path_factory):
-    """Return a paused team that was watched for a while."""
+    """Return a paused team, observed for a while."""
     bench = module_bench
     observer = bench.observer()
     seen = SimpleNamespace(
@@ -162,7 +162,7 @@ def test_services(team):
 
 
 def test_nobody_reads_another_robots_topics(team):
-    """What a robot knows of a peer it got through active_perception."""
+    """A robot's knowledge of a peer comes from active_perception."""
     for name in NAMES:
         for topic in ROBOT:
             infos = team.observer.get_subscriptions_info_by_topic(f"/{name}/{topic}")
@@ -291,7 +291,7 @@ RVIZ_READS = {
     "rviz_default_plugins/Map": OccupancyGrid,
     "rviz_default_plugins/MarkerArray": MarkerArray,
 }
-"""What RViz's displays subscribe to (rviz_default_plugins/plugins_description.xml)."""
+"""The subscriptions of RViz's displays (rviz_default_plugins/plugins_description.xml)."""
 
 
 def displays(part):
@@ -417,7 +417,7 @@ def test_a_recorder_gets_what_is_kept_for_late_subscribers():
 
 
 def test_step_makes_one_step_and_holds(bench):
-    """Of a team that was under way."""
+    """In a running team."""
     observer = bench.observer()
     world = bench.world(rate=50.0)
     bench.robots()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The launch files, with stand-ins for launch and launch_ros, which the wheels lack.
 
-`test_real_launch.py` has those where ROS is installed.
+`test_real_launch.py` has the tests with an installed ROS.
 """
 
 import importlib.util
@@ -39,7 +39,7 @@ NAMES = {
 
 
 class Kept:
-    """Stands for whatever a launch file makes: keeps what it was given."""
+    """Stands for any object of a launch file: keeps its arguments."""
 
     def __init__(self, *parts, **options):
         self.parts = parts
@@ -48,13 +48,13 @@ class Kept:
 
 @pytest.fixture
 def warnings():
-    """Return what launch has warned of."""
+    """Return the warnings of launch."""
     return []
 
 
 @pytest.fixture
 def launched(monkeypatch, warnings):
-    """Return a function that gives what a launch file does with some arguments."""
+    """Return a function that gives the actions of a launch file with some arguments."""
     for module, classes in NAMES.items():
         made = ModuleType(module)
         for name in classes:
@@ -182,7 +182,7 @@ REFUSED = [
         "argument fault: value is 'fire', allowed: none or",
     ),
 ]
-"""Launch file, arguments, and how the launch ends."""
+"""Launch file, arguments, and the end of the launch."""
 
 
 @pytest.mark.parametrize(("file", "given", "text"), REFUSED)
@@ -278,7 +278,7 @@ def test_a_misspelt_argument_name_is_warned_of(
 
 @pytest.fixture
 def shown(launched, tmp_path):
-    """Return a function that gives what --show-args says of a launch file: name, default, text."""
+    """Return a function that gives the output of --show-args: name, default, text."""
 
     def show(name):
         launched(out=str(tmp_path / "run"))  # with the stand-ins for launch
@@ -435,7 +435,7 @@ class Ends:
         }
 
     def end(self, number, code):
-        """Let a node end; return what the launch is to do."""
+        """Let a node end; return the launch's actions."""
         node, then = list(self.handlers.items())[number]
         event = SimpleNamespace(
             returncode=code, process_name=node.options["executable"]

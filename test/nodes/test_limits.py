@@ -27,7 +27,7 @@ from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.subscriber import Subscriber
 
 STALL_SECONDS = 0.05
-"""Most that reading one message may take from a node in the lock step; measured: 8 ms."""
+"""Longest time to read one message for a node in the lock step; measured: 8 ms."""
 
 
 @pytest.mark.parametrize("topic", wire.TOPICS, ids=lambda topic: topic.name)

@@ -107,7 +107,7 @@ def test_a_world_that_all_robots_have_left_is_ended(started, monkeypatch, capsys
 
 @pytest.mark.parametrize("signalled", [False, True])
 def test_a_signal_that_all_processes_heard_is_an_interrupt(started, signalled):
-    """They may have ended by themselves before anybody looks."""
+    """They may have ended by themselves before the check."""
     stop = Stop()
     if signalled:
         stop.handle(signal.SIGINT, None)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot in its run: how it listens anew where the team goes back, and when it leaves."""
+"""A robot in its run: its new subscriptions when the team goes back, and its end."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -55,7 +55,7 @@ def begun(own_domain, tmp_path, monkeypatch):
 
 
 def say(node, state, step, transitions, order=None):
-    """Let the world say its status."""
+    """Send the world's status."""
     said = RunStatus("this run", state, step, transitions, order=order or Order())
     node.hear("status", status("env1", said.state, said.values()))
 
@@ -81,7 +81,7 @@ def walk(side, *, rewarded, until):
 def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
     begun, rewarded, until, asks, done
 ):
-    """They count from the first time that it hears of the run's end."""
+    """They count from the first message on the run's end."""
     node = begun()
     side = node.member.lockstep
     for row in side.agent.mind.q_star:
@@ -106,7 +106,7 @@ def test_a_robot_that_plans_leaves_when_the_exchange_is_over(begun):
 
 
 def test_who_goes_back_listens_anew(begun):
-    """What was under way to it is of the time that is taken back, under the same step numbers."""
+    """Messages in flight belong to the time that is taken back, with the same step numbers."""
     node = begun()
     state = Converter(node.run).pose(1, 3)
     [before] = listening(node)

@@ -24,7 +24,7 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import ACTION, REWARD, ClaimRank, SelfReport
 from sparse_coord_ros.protocol.wire.messages import markers_form
 from sparse_coord_ros.protocol.wire.status import (
@@ -97,7 +97,7 @@ ACCOUNTS = st.builds(SelfReport, st.integers(0, 3), st.booleans())
 
 @given(st.integers(0, 10**7), ACTIONS, ACCOUNTS)
 def test_actions_come_back(step, action, account):
-    """Peers count from 1; nobody perceives who has not asked."""
+    """Peers count from 1; only robots that have asked perceive."""
     assume(action.asked or not action.perceived)
     convert = converter("env2-4r")
     data = convert.pack_action(step, action, account)
@@ -161,14 +161,14 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
 
 
 def marker_rows(convert, scenario, array):
-    """Return what a log makes of a message of markers, and whether it is of the run's form."""
+    """Return a log's rows of a message of markers, and whether it has the run's form."""
     data = serialize_message(array)
     form = markers_form(convert, scenario)
     return form.rows(data, np.array([0]), np.array([len(data)]))
 
 
 def test_markers_show_doorways_goals_and_robots():
-    """Packed twice at different steps: what one left must not show in the other."""
+    """Packed twice at different steps: the first must leave no trace in the second."""
     scenario = load_scenario("env2-4r")
     convert = converter("env2-4r", resolution=2.0)
     for step, cells in ((8, [3, 4, 5, 6]), (70_000, [7, 4, 0, 9])):
@@ -257,7 +257,7 @@ def test_values_of_a_status_come_back():
     assert status("env1", "learning", {}).level == message.OK
 
 
-# What anybody may send, and no run says.
+# Messages that are not of a run.
 
 STATE = {"x": 1.5, "y": 4.5, "z": 0.0}
 PAID = dict(zip(REWARD.labels, (1.0, 0.0, 0.0, 1.0), strict=True))
@@ -272,7 +272,7 @@ INF = math.inf
 
 
 def changed(values, changes):
-    """Return values of which some are others, or left out."""
+    """Return values with some changed or left out."""
     found = {**values, **changes}
     return {name: value for name, value in found.items() if value is not LEFT_OUT}
 
@@ -320,7 +320,7 @@ def goals(changes, *, since=0.0):
 
 def reached(changes):
     convert = converter()
-    message = convert.reached_message(1, Reached(0, 3, 5, True, 1.25, 0.0))
+    message = convert.reached_message(1, GoalReport(0, 3, 5, True, 1.25, 0.0))
     for label, value in changes.items():
         message.position[list(message.name).index(label)] = value
     return convert.read_reached(0, message)

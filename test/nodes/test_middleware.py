@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What Fast DDS is told."""
+"""The settings of Fast DDS."""
 
 import os
 import subprocess
@@ -106,7 +106,7 @@ def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
 def test_a_reader_that_begins_late_hears_a_writer_of_its_process(
     profiles, monkeypatch, python
 ) -> None:
-    """By default Fast DDS rejects what a reader hears first after more than 5000 messages."""
+    """By default Fast DDS rejects a reader's first message after more than 5000 messages."""
     monkeypatch.setenv(PROFILES, str(share_folder("config") / profiles))
     done = python("-c", LATE_READER.format(before=5001))
     assert done.stdout == "[-1]\n"

@@ -32,12 +32,12 @@ STEP_SECONDS = 8.0
 
 SPEED = 20.0
 AT_FIRST = "0.5,0.5"
-"""Of the bases: metres a second, and where they are."""
+"""Of the bases: metres a second, and their places."""
 
 
 @pytest.fixture
 def start_team(types, bench, tmp_path):
-    """Return a function that starts a team with its drivers; and the servers, if asked for."""
+    """Return a function that starts a team with its drivers; and the servers, if requested."""
     from sparse_coord_ros.ros.nodes.nav2_stand_in import Nav2StandIn
 
     def start(
@@ -95,7 +95,7 @@ def spin_for(bench, seconds):
 
 
 def moved(world, count):
-    """Whether so many steps were made."""
+    """Return whether so many steps were made."""
     return lambda: world.lockstep.world.transitions >= count
 
 
@@ -326,7 +326,7 @@ def start_driver(start):
 def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     start_team, serve_twice, start_driver, bench
 ):
-    """A killed one is in the graph for a while."""
+    """A killed one stays in the graph for a while."""
     second = serve_twice("robot_2")
     world, [driver], server = start_team(driven=ROBOTS[:1])
     process = start_driver("robot_2")
@@ -376,7 +376,7 @@ def test_a_second_server_that_appears_later_is_reported_and_nothing_crashes(
 
 
 def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, bench):
-    """Also a goal that somebody else has sent; the world is told when Nav2 has confirmed it."""
+    """Also a goal of another client; the driver tells the world when Nav2 has confirmed it."""
     world, drivers, server = start_team(steps=100_000)
     bench.spin_until(moved(world, 2), "under way")
     for robot in server.bases.values():

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a run is saved: joined by several nodes, or in another place where it must be."""
+"""The place of a run's files: shared by several nodes, or another place if necessary."""
 
 import shutil
 import threading
@@ -62,7 +62,7 @@ def test_a_full_disk_is_left_for_another_place(opened, tmp_path):
 
 
 def test_two_runs_are_not_rescued_into_one_place(opened, tmp_path):
-    """Nor into one that somebody else made, nor through a link; nodes of a run meet in one."""
+    """Nor into another user's, nor through a link; nodes of a run share one."""
     out = tmp_path / "out"
     other = replace(RUN, seed=5)
     (tmp_path / "out_rescued").symlink_to(tmp_path / "else")

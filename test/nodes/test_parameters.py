@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the nodes: described, checked at once, and fixed but for the rate."""
+"""Parameters of the nodes: described, checked at once, and fixed except the rate."""
 
 import re
 import sys
@@ -186,7 +186,7 @@ REFUSED = [
     ("driver", [], f"parameter robot: {NONE_GIVEN}robot:=NAME"),
     ("driver", ["robot:=r", "pose_type:=gps"], "parameter pose_type: value is 'gps'"),
 ]
-"""Executable, parameters, and what its one line says of them."""
+"""Executable, parameters, and its one-line error."""
 
 
 @pytest.mark.parametrize(("name", "parameters", "text"), REFUSED)
@@ -262,7 +262,7 @@ def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capf
 
 
 def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
-    """A type of a parameter that there is none of: rclpy raises in its own service."""
+    """An unknown type of a parameter: rclpy raises in its own service."""
     world = bench.world()
     observer = bench.observer()
     odd = Parameter(name="rate", value=ParameterValue(type=255))

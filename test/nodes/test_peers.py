@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A peer that is asked: silent, behind, doubted; without any middleware."""
+"""A question to a peer: silent, behind, doubted; without middleware."""
 
 from types import SimpleNamespace
 
@@ -49,13 +49,13 @@ class Future:
 
 
 class Node:
-    """Of a node what its peers need; its own client, logger and subscriber.
+    """The part of a node for its peers; it is its own client, logger and subscriber.
 
     Attributes:
-        sent: the requests that are open, or were answered.
-        servers: of each service, as the graph shows it.
-        ears: what takes in what is heard, by whose it is.
-        dropped: what did not fit.
+        sent: the open and the answered requests.
+        servers: the servers of each service in the graph.
+        ears: the callbacks of subscriptions, by their owner.
+        dropped: the dropped messages.
     """
 
     def __init__(self):
@@ -135,7 +135,7 @@ def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
 
 
 def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkeypatch):
-    """It has come, but its callback waits behind the timer that would send the request again."""
+    """It has come, but its callback waits behind the timer that would repeat the request."""
     monkeypatch.setattr(peers, "REPEAT_ASK_SECONDS", 0.0)
     heard = []
     peer = Peer(node, node, lambda step, plan: heard.append(step))
@@ -151,7 +151,7 @@ def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkey
 
 
 class Side:
-    """Of a robot's side of the lock step what its peers need: it asks robot_2."""
+    """The part of a robot's side of the lock step for its peers: it asks robot_2."""
 
     def __init__(self, waiting):
         self.waiting = waiting
@@ -196,7 +196,7 @@ def plan(step, *cells):
     [(0, True), (IMMEDIATE_REPEATS - 1, True), (IMMEDIATE_REPEATS, False)],
 )
 def test_a_doubted_peer_is_not_behind_for_ever(node, side, asked, repeats, answered):
-    """Who serves its place might say so each time, and first: the request stays open then."""
+    """A false server might answer so each time, and first: the request then stays open."""
     for _ in range(1 + repeats):
         asked.ask(1, 7, 0)
     node.sent[-1].set_result(plan(6))
@@ -228,7 +228,7 @@ def test_an_answer_of_a_doubted_peer_is_what_the_world_says(
 
 
 def test_the_deadline_of_what_is_waited_for(node, side, asked):
-    """It begins anew with whatever else is waited for; a peer that lets it pass is silent."""
+    """It begins anew with each new wait; a peer that lets it pass is silent."""
     assert asked.ask(1, 7, 0)
     asked.keep_the_deadline(10.0)
     asked.keep_the_deadline(10.9)

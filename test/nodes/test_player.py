@@ -43,7 +43,7 @@ CLASSES = {"/map": String, "/rosout": Log, "/clock": Clock, EVENTS: GetPlan.Even
 
 
 def content(step):
-    """Yield what is recorded of a time step: topic and message."""
+    """Yield the messages of a time step: topic and message."""
     if step % 10 == 0:
         yield "/map", String(data=f"map {step}")
     clock = Clock()
@@ -80,7 +80,7 @@ def bag(tmp_path_factory):
 
 
 class Audience:
-    """A player, and a node that takes the bytes of its topics."""
+    """A player, and a node that receives the bytes of its topics."""
 
     def __init__(self, bench, bag, **values):
         self.bench = bench
@@ -124,13 +124,13 @@ class Audience:
         self.bench.spin_until(condition, what)
 
     def texts(self):
-        """Return what was heard since the last call, as (topic, its text or number)."""
+        """Return the messages since the last call, as (topic, its text or number)."""
         found = [(topic, value(topic, data)) for topic, data in self.heard]
         self.heard.clear()
         return found
 
     def wait_for(self, *expected):
-        """Wait until just this is heard, in any order of topics."""
+        """Wait until exactly these messages are received, in any order of topics."""
         self.wait(lambda: len(self.heard) >= len(expected), expected)
         assert sorted(self.texts()) == sorted(expected)
 
@@ -270,7 +270,7 @@ def test_a_start_in_the_middle_and_a_loop(bench, bag):
 
 
 def test_positions_count_from_the_first_message_of_the_bag(bench, tmp_path):
-    """Not from the first that is played: --topics does not move them."""
+    """Not from the first played message: --topics does not move them."""
     with BagWriter(tmp_path / "bag") as writer:
         early, late = (
             writer.add_topic(n, "std_msgs/msg/String", QoS()) for n in ("/a", "/b")
@@ -517,7 +517,7 @@ def test_keys(terminal, bag):
 
 
 def test_keys_are_heard_at_the_highest_rate(terminal, tmp_path):
-    """Where more is to be published than can be, all the time."""
+    """With more messages than can be published, all the time."""
     with BagWriter(tmp_path / "bag") as writer:
         channel = writer.add_topic("/map", "std_msgs/msg/String", QoS())
         for number in range(2_000):

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recorder in its run: its messages, its waiting, its obeying of orders."""
+"""A recorder in its run: its messages, its waiting, its obedience to orders."""
 
 from contextlib import ExitStack
 from dataclasses import replace
@@ -53,7 +53,7 @@ def recording(own_domain, tmp_path):
 
 
 def say(node, *said, order=None):
-    """Let the world say its status."""
+    """Send the world's status."""
     one = RunStatus("this run", *said, order=order or Order())
     node.hear("status", status("env1", one.state, one.values()))
 
@@ -79,7 +79,7 @@ def test_diagnostics_of_other_namespaces_are_not_recorded(
 
 
 def test_who_talks_on_keeps_no_recorder(recording):
-    """A stranger on a topic of the team; what comes late in a busy moment still counts."""
+    """A foreign node on a topic of the team; late messages in a busy moment still count."""
     node = recording()
     node.count_publishers = lambda name: 1  # the last words are still to come
     say(node, RunState.STOPPED, 7, 7)
@@ -93,11 +93,11 @@ def test_who_talks_on_keeps_no_recorder(recording):
 
 
 def test_a_recorder_has_obeyed_when_it_finds_the_robots(recording):
-    """Else what a robot says first misses a log that begins there, and `verify` says so."""
+    """Else a log that begins there lacks a robot's first message."""
     told = []
 
     class Telling(Recorder):
-        """Keeps what it tells the world."""
+        """Keeps its messages to the world."""
 
         def announce(self, topic, owner=""):
             publisher = super().announce(topic, owner)

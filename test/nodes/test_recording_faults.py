@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Killed recorders, writers and teams, and full disks: the run goes on, the bag is read."""
+"""Killed recorders, writers and teams, and full disks: the run continues, the bag is readable."""
 
 import os
 import re
@@ -38,7 +38,7 @@ NEVER = {"flush_seconds": 3600.0, "flush_steps": 10_000_000}
 
 
 def last_step(bag):
-    """Return the last time step that is in a bag, or 0; also where there is no bag yet."""
+    """Return the last time step in a bag; 0 without one."""
     if not any(bag.glob("*.mcap*")):
         return 0
     times = (message.log_time_ns for message in open_bag(bag).messages(["/clock"]))
@@ -214,7 +214,7 @@ def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
 
 
 def test_a_recorder_that_stood_still_says_so(bench, tmp_path, capfd):
-    """Stopped or starved: what waited for it may be lost; else the log would be called false."""
+    """Stopped or starved: messages may be lost; without its note the log would differ."""
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
     recorder.recording.go_on(time.monotonic() + 7.0)
     recorder.recording.flush()

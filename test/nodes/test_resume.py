@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Live teams that are broken off and go on: the bits of an unbroken run."""
+"""Live teams that are interrupted and continue: the bits of an unbroken run."""
 
 import json
 import os
@@ -112,7 +112,7 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(
 def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
     tmp_path, bench, monkeypatch
 ):
-    """What it shows would go into the bag of a recorder that was there all the time."""
+    """Its display messages would go into the bag of a recorder that has run all the time."""
     for module in (follower, world_simulator):
         monkeypatch.setattr(module, "REPORT_SECONDS", 0.1)
     out = tmp_path / "out"
@@ -163,13 +163,13 @@ def test_another_run_is_refused(tmp_path):
 
 
 class Returned:
-    """What takes a team back, with a side, a store and a node that are none.
+    """The rollback of a team, with stand-ins for side, store and node.
 
     Attributes:
         team: takes the team back.
-        ears: what takes in the progress that nodes say, by their names.
-        lines: what was warned of.
-        gone_on: whether the team goes on.
+        ears: the callbacks for the nodes' progress, by their names.
+        lines: the warnings.
+        gone_on: whether the team continues.
     """
 
     def __init__(self, *, recorded=False, held=True, returning="rollback"):
@@ -214,7 +214,7 @@ def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
 
 @pytest.mark.parametrize(("its_step", "lost"), [(30, 10), (40, 0), (41, 0)])
 def test_what_a_robot_has_lost_that_goes_on_alone_is_counted(its_step, lost):
-    """It may have worked off a state that the world, too, was about to count."""
+    """It may have processed a state that the world, too, was about to count."""
     made = Returned(held=False, returning="continue")
     made.team.begin(0.0)
     made.ears["robot_2"](Progress("life 1", 0, 0))
@@ -240,7 +240,7 @@ def test_the_team_goes_on_without_who_does_not_obey_in_time():
 @pytest.mark.long
 @pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
 def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
-    """It knows its checkpoint; the recorder was there all the time, and wrote later things."""
+    """It knows its checkpoint; the recorder ran all the time, and has later messages."""
     out = tmp_path / "out"
     alone = {"returning": "continue", "out": str(out)}
     world = bench.world(

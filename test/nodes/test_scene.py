@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What RViz and Foxglove show beside the markers: the scene and the transforms."""
+"""The display of RViz and Foxglove beside the markers: the scene and the transforms."""
 
 import math
 import sys

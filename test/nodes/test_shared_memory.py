@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What killed processes leave in shared memory: removed, but nothing that somebody holds."""
+"""Files of killed processes in shared memory: removed, except files in use."""
 
 import fcntl
 import os

@@ -25,7 +25,7 @@ WITH_TF2 = {"/tf"}
 IN_AN_EXCHANGE = {f"/{name}/learned" for name in NAMES}
 """Served and asked only by robots of a run that is to improve."""
 EVERY_NODE = {"/parameter_events"}
-"""What rclpy's parameter callbacks may subscribe to."""
+"""Possible subscriptions of rclpy's parameter callbacks."""
 
 
 def allowed(node: str, tag: str, action: str) -> set[str]:

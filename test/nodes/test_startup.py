@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes start in any order, and those that cannot take part say why."""
+"""Nodes start in any order, and nodes that cannot take part report the reason."""
 
 import re
 
@@ -21,7 +21,7 @@ from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import ClaimRank
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.guard import Claim
+from sparse_coord_ros.ros.nodes.guard import NameClaim
 from sparse_coord_ros.ros.nodes.robot import Member
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -111,14 +111,14 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
 
 @pytest.mark.parametrize("rank", [ClaimRank.STARTING, ClaimRank.HOLDING])
 def test_of_two_nodes_of_a_name_one_ends(rank):
-    """Who has come less far; of two that are equally far, who has the higher identity."""
-    low = Claim("1", rank)
-    high = Claim("2", rank)
+    """The node at the earlier stage; at equal stages, the one with the higher identity."""
+    low = NameClaim("1", rank)
+    high = NameClaim("2", rank)
     assert high.yields_to(low) and not low.yields_to(high)
-    further = Claim("3", rank + 1)
+    further = NameClaim("3", rank + 1)
     assert low.yields_to(further) and not further.yields_to(low)
-    joined = Claim("2", ClaimRank.JOINED)
-    assert not joined.yields_to(Claim("1", ClaimRank.JOINED)), (
+    joined = NameClaim("2", ClaimRank.JOINED)
+    assert not joined.yields_to(NameClaim("1", ClaimRank.JOINED)), (
         "nobody leaves a run for another"
     )
 
@@ -180,7 +180,7 @@ def test_a_greedy_robot_without_tables(bench):
 def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still_listed(
     bench,
 ):
-    """Else what is said before it listens misses the log, and `verify` calls the log another."""
+    """Else earlier messages are missing in the log, and `verify` finds a difference."""
     world = bench.world()
     clock = world.topics.clock
 
@@ -309,7 +309,7 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
 
 
 def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
-    """Such as a program of one's own that does not hear its reward."""
+    """Such as a user's own program that does not subscribe to its reward."""
     world = bench.world()
     bench.robot("robot_1")
     context = bench.place("mine")[0]

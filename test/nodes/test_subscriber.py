@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of messages that do not fit."""
+"""The treatment of messages that do not fit."""
 
 from types import SimpleNamespace
 

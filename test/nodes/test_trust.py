@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A stranger announces a run with code of their own: no node imports what lies beside it."""
+"""A foreign node announces a run with its own code: no node imports a module beside it."""
 
 import re
 import sys
@@ -47,15 +47,15 @@ NODES = {
 WAITING = {name: "follows the run" for name in NODES} | {
     "robot": "refuses it, waits on"
 }
-"""What a node does that waits for a run."""
+"""The reaction of a node that waits for a run."""
 
 UNDER_WAY = {name: "warns, goes on" for name in NODES} | {"watch": "shows it instead"}
-"""What one does that is in a run."""
+"""The reaction of a node in a run."""
 
 
 @pytest.fixture
 def beside(tmp_path, monkeypatch):
-    """Be in a folder with a stranger's module; return where the module tells of its import."""
+    """Enter a folder with a foreign module; return the file that its import writes."""
     (tmp_path / "theirs.py").write_text(THEIRS)
     monkeypatch.chdir(tmp_path)
     with forgotten():
@@ -63,7 +63,7 @@ def beside(tmp_path, monkeypatch):
 
 
 def announced(kind):
-    """Return what a stranger announces."""
+    """Return the announcement of a foreign node."""
     run = replace(make_run(load_scenario("env1"), {}), id="theirs")
     if kind == "learner":
         run = replace(run, learner=FOREIGN[kind])
@@ -175,7 +175,7 @@ def test_the_player_plays_it_unread(bench, beside, tmp_path, monkeypatch):
 
 
 def table():
-    """Return what docs/reliability.md says of each node."""
+    """Return the table of docs/reliability.md for each node."""
     rows = ["| node | waiting | in a run |", "|---|---|---|"]
     rows += [
         f"| {name} | {what} | {UNDER_WAY[name]} |" for name, what in WAITING.items()

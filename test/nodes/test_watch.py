@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node `watch` shows what the team's messages say, and asks the world's services."""
+"""The node `watch` shows the content of the team's messages, and calls the world's services."""
 
 from types import SimpleNamespace
 
@@ -110,7 +110,7 @@ def test_topics_may_overtake_one_another(good, late):
 
 
 def test_a_run_that_goes_back_is_shown_on(good):
-    """What it took back stays in the curves, and the page says so."""
+    """The part that was taken back stays in the curves, and the page reports it."""
     team, takes, view = heard_of(good.run)
     messages = list(open_bag(good.bag).messages(set(takes)))
     for message in messages[:200]:
@@ -187,7 +187,7 @@ def test_reasons_are_told_of_robots_whose_tables_were_heard(good):
 
 
 def test_a_robot_that_is_left_out_holds_nobody_up(good):
-    """What does not come at all is waited for half a second, and then done without."""
+    """The node waits half a second for missing messages, and then continues without them."""
     team, takes, _ = heard_of(good.run)
     messages = list(open_bag(good.bag).messages(set(takes)))
     for message in messages[:80]:

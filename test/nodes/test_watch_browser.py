@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The page in headless Chromium: every source, every button, and values that are the log's."""
+"""The page in headless Chromium: every source, every button, and the log's values."""
 
 import re
 from pathlib import Path
@@ -148,7 +148,7 @@ CUT = """[...document.querySelectorAll('.trail')].flatMap((line) => {
   const at = [...line.points];
   return at.slice(1).map((p, i) => Math.abs(p.x - at[i].x) + Math.abs(p.y - at[i].y));
 }).filter((far) => far !== 48).length"""
-"""How many parts of trails do not lead from a cell to the one beside it."""
+"""Number of parts of trails that do not lead from a cell to its neighbour."""
 
 
 def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
@@ -555,7 +555,7 @@ FOCUS = """(() => {
     : [one.id || one.className || one.textContent,
        look.outlineStyle, parseFloat(look.outlineWidth)];
 })()"""
-"""What has the focus, and the line around it."""
+"""The focused element, and its outline."""
 
 UNNAMED = """[...document.querySelectorAll('button, input, select, svg[role], section, fieldset')]
   .filter((one) => one.checkVisibility())
@@ -567,7 +567,7 @@ OUTSIDE = """[...document.body.children]
   .filter((one) => one.checkVisibility() && one.textContent.trim())
   .filter((one) => !['HEADER', 'MAIN', 'SCRIPT'].includes(one.tagName))
   .map((one) => one.outerHTML)"""
-"""What stands in no landmark."""
+"""Elements outside of landmarks."""
 
 
 @pytest.fixture(scope="module")

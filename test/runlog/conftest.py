@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of logs share: a good log that is changed and verified."""
+"""Shared fixtures of the tests of logs: a good log that is changed and verified."""
 
 import pytest
 

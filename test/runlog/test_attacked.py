@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What honest recordings lose, and forgeries of stamps, formats, encodings, labels and answers."""
+"""Losses of honest recordings, and forgeries of stamps, formats, encodings, labels and answers."""
 
 import json
 
@@ -79,7 +79,7 @@ def test_what_a_later_version_adds_to_the_record_is_no_difference(alter):
     assert alter(record={"version_moon": "1"}).same
 
 
-# What honest recordings lose.
+# Losses of honest recordings.
 
 
 def logged_again(messages):
@@ -125,7 +125,7 @@ def test_a_topic_without_any_message_differs(alter, topic):
 
 @pytest.mark.parametrize("later", [TABLES_DEPTH, TABLES_DEPTH - 1])
 def test_tables_that_a_recorder_in_arrears_missed(record, rewritten, tmp_path, later):
-    """Of a robot's tables ROS keeps the last ten until they are taken: others may be lost."""
+    """ROS keeps the last ten tables of a robot until they are received: others may be lost."""
     run = record(settings={"steps": 200}, values={"checkpoint": 10})
 
     def some(found):
@@ -239,7 +239,7 @@ def asked_elsewhere(event):
     [(second, "another form"), (turned, "another form"), (asked_elsewhere, "dialogue")],
 )
 def test_a_dialogue_of_other_places(alter, how, words):
-    """Whoever asks from elsewhere is a person: the robot's request is then missing."""
+    """A request from another place is a person's: the robot's request is then missing."""
     assert logged(alter(each(EVENT, GetPlan.Event, how)), words)
 
 

@@ -58,7 +58,7 @@ RUNS = {
     "resumed": ("env1", {"steps": 150, **HALF}, {}, {}),
     "live": ("env1", {"steps": 120, **OFTEN, **HALF}, {}, {}),
 }
-"""Recorded runs: scenario, settings, values of the run, and what happens in it."""
+"""Recorded runs: scenario, settings, values of the run, and its events."""
 
 HONEST = {name: {Outcome.IDENTICAL} for name in RUNS} | {
     "unfinished": {Outcome.UNDECIDED},
@@ -107,7 +107,7 @@ def recorded_bag(name, folder):
 
 
 def live_bag(folder, scenario, settings, values):
-    """Record a live team; its bag holds all that nodes say beside the run."""
+    """Record a live team; its bag contains all messages of the nodes."""
     changed = [f"{name}={value}" for name, value in settings.items()]
     team = {"scenario": scenario, "set": changed, "seed": 7, "checkpoint": 25, **values}
     team |= {"out": str(folder / "out"), "record": True, "claim_window": 0.0}
@@ -135,7 +135,7 @@ def in_words(found):
 
 
 def all_right(name, bag, cases, folder):
-    """Check that `verify` is right about all cases of a bag; return how many there are."""
+    """Check that `verify` is right about all cases of a bag; return their number."""
     real = [case for case in cases if forged(bag, case.forgeries) != bag]
     found = list(wrong(bag, real, folder))
     assert not found, f"{len(found)} of {len(real)}:\n{in_words(found)}"
@@ -162,7 +162,7 @@ def test_no_changed_claim_of_any_kind_is_identical(bags, tmp_path, name):
 
 
 def test_the_corpus_holds_each_operation(bags):
-    """And expects of most cases that they are found."""
+    """And expects that most cases are found."""
     cases = asked("crowd", bags("crowd"), 20, 1)
     operations = Counter(one.operation for case in cases for one in case.forgeries)
     assert set(operations) == {

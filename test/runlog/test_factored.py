@@ -24,7 +24,7 @@ EXPLORING = {
 
 
 def stamp(nanoseconds):
-    """Return how a message of that time begins, after its encapsulation."""
+    """Return the beginning of a message of that time, after its encapsulation."""
     return struct.pack("<iI", *divmod(nanoseconds, 10**9))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A stranger's messages among those of a run: told; no difference where nobody went by them."""
+"""Foreign messages among those of a run: reported; a difference only if a node used them."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ EVENTS = "/robot_2/active_perception/_service_event"
     ("ahead", "before"), [(0, False), (0, True), (1, False), (3, True)]
 )
 def test_a_forged_state(alter, good, convert, ahead, before):
-    """Of this step, or early: then all that comes up to that step seems to be late."""
+    """Of this step, or early: then all messages up to that step seem to be late."""
     cell = 7 if verify(good.bag).log.cells[AT - 1, 0] != 7 else 8
     data = convert.pack_state(AT + ahead, cell)
     said = None if ahead == 0 else AT + ahead
@@ -120,7 +120,7 @@ def test_a_state_of_a_step_that_never_comes(alter, convert, topic, capsys, tmp_p
     ],
 )
 def test_what_cannot_be_of_the_run(alter, convert, topic, how):
-    """A recorder logs it as it comes: what is stamped oddly at the run's time."""
+    """A recorder logs it on arrival: with a wrong stamp at the run's time."""
     kind = Clock if topic == "/clock" else PoseStamped
     pack = (
         convert.pack_clock
@@ -199,7 +199,7 @@ LONG = b"\x00\x01\x00\x00" + b"\xf9" * 400
     ],
 )
 def test_what_no_node_of_a_run_says(alter, convert, topic, data):
-    """Also on topics that say something now and then; whatever stamp begins it."""
+    """Also on topics with rare messages, and with any stamp."""
     is_foreign(alter(said_at_once(convert, data, topic)))
 
 
@@ -252,7 +252,7 @@ def test_what_robots_say_of_a_step_that_never_comes(alter, good, convert, topic,
 
 @pytest.mark.parametrize("topic", ["/clock", STATE])
 def test_what_was_said_already(alter, convert, topic):
-    """An earlier step that comes again says nothing new."""
+    """A repeated earlier step has no new content."""
     at = AT - 9, (AT - 9) * convert.period
 
     def change(messages):
@@ -313,7 +313,7 @@ def test_what_replaces_the_true_one_differs(alter, convert, topic):
 
 
 def test_what_the_world_went_by_differs(alter, good, convert):
-    """An action that came first, and is none of the agent's; the true one is a note."""
+    """An action that came first, and is not the agent's; the true one is a note."""
     log = verify(good.bag).log
     row = int(np.searchsorted(log.step, AT))
     assert log.step[row] == AT and log.move[row, 0] >= 0
@@ -391,7 +391,7 @@ STEPS = strategies.lists(strategies.integers(0, 9), max_size=12)
 
 
 def best(steps, *, each_once):
-    """Return how long a longest sequence of some steps is that never falls."""
+    """Return the length of a longest non-decreasing sequence of some steps."""
     lengths = []
     for place, step in enumerate(steps):
         before = [
@@ -421,7 +421,7 @@ def test_a_step_that_comes_again_makes_no_sequence_longer(steps):
 
 @pytest.mark.parametrize("topic", ["/map", "/robot_1/coordination_map"])
 def test_what_replaces_a_copy_is_no_lost_copy(alter, topic):
-    """A message that may be a stranger's is in the place of one of the run's."""
+    """A possibly foreign message is in the place of one of the run's."""
 
     def change(messages):
         places = [place for place, one in enumerate(messages) if one.topic == topic]

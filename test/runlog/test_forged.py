@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Forgeries beyond the messages of each time step: what is shown, said twice, counted, timed."""
+"""Forgeries beyond the messages of each time step: displays, repeats, counts, times."""
 
 import random
 
@@ -82,7 +82,7 @@ def test_what_is_shown_as_an_episode_begins(alter, topic, how):
 
 
 def test_a_coordination_map_that_shows_another_table(alter):
-    """One cell more in which COORDINATE is said to be chosen, in mid-run."""
+    """A further cell with COORDINATE, in mid-run."""
 
     def change(messages):
         mine = places(messages, "/robot_1/coordination_map")[-3]
@@ -220,7 +220,7 @@ def last_status(key, value):
 def test_a_world_that_takes_back_how_often_it_went_on_without_a_robot(
     record, rewritten, tmp_path
 ):
-    """Between the two statuses nobody was left out, so that no robot can be named."""
+    """Between the two statuses no robot was left out, so the difference names none."""
     run = record(late=[(0, step) for step in range(30, 160)])
     assert run.recording.world.left_out > 1
     first = verify(
@@ -335,7 +335,7 @@ def test_swapped_service_events(alter):
     ("frame", "sec", "ahead"), [("odom", 5, 0), ("map", 0, 0), ("map", 0, 99)]
 )
 def test_what_a_person_asks_may_be_anything(alter, good, frame, sec, ahead):
-    """Of it and its answer the log keeps nothing, whatever its frame, stamp or clock."""
+    """The log keeps neither it nor its answer, with any frame, stamp or clock."""
 
     def change(messages):
         _, received, answered, *_ = places(messages, EVENT)

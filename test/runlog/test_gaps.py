@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A part of a bag is lost: what is before it and from the next checkpoint on is verified."""
+"""A part of a bag is lost: the run before it and from the next checkpoint on is verified."""
 
 import random
 import re
@@ -53,7 +53,7 @@ def chunked(record):
 
 @pytest.fixture(scope="module")
 def factored(record):
-    """A run of robots that remember more than tables."""
+    """A run of robots with more memory than tables."""
     values = {"checkpoint": EVERY, "learner": "factored"}
     return record(
         settings={"perception": "probability:0.5"}, values=values, chunk=CHUNK
@@ -81,19 +81,19 @@ def lost_parts(found):
 
 
 def chunk_at(bag, step, period):
-    """Return the place of the chunk in which a time step is."""
+    """Return the place of a time step's chunk."""
     blocks = open_bag(bag).blocks[0]
     return next(p for p, one in enumerate(blocks) if one.end_ns >= step * period)
 
 
 @cache
 def verified(bag):
-    """Verify an undamaged bag, once for all that is compared with it."""
+    """Verify an undamaged bag, once for all comparisons."""
     return verify(bag)
 
 
 def check(run, path, block):
-    """Check what is said of a bag in which one chunk is lost."""
+    """Check the findings on a bag with one lost chunk."""
     whole = verified(run.bag)
     found = verify(path)
     period = run.run.step_period * 1e9
@@ -172,7 +172,7 @@ def as_recorded(bag, directory):
 
 
 def unpacks(record):
-    """Whether a chunk still holds what its checksum says, as the package mcap reads it."""
+    """Return whether a chunk still fits its checksum, by the package mcap."""
     chunk = Chunk.read(ReadDataStream(BytesIO(record[RECORD_HEAD:])))
     try:
         breakup_chunk(chunk, validate_crc=True)
@@ -185,7 +185,7 @@ def unpacks(record):
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("finished", [True, False])
 def test_the_table_of_damages(chunked, tmp_path, finished):
-    """All but what was hit is kept, named and verified; `-m long -s -k table_of` prints it."""
+    """All undamaged parts are verified; `-m long -s -k table_of` prints them."""
     draw = random.Random(7)
     bag = as_recorded(chunked.bag, tmp_path / "copy")
     data = bag.path.read_bytes()
@@ -269,7 +269,7 @@ def test_a_recovered_bag_has_the_same_gap(chunked, flipped):
 
 
 def test_a_difference_elsewhere_still_differs(chunked, rewritten, flipped, tmp_path):
-    """Also one behind the gap, in what is computed from the next checkpoint on."""
+    """Also after the gap, in the computation from the next checkpoint on."""
     log = verify(chunked.bag).log
     period = chunked.run.step_period * 1e9
     rewarded = log.messages.rewards[0].step
@@ -371,7 +371,7 @@ def test_tables_of_a_step_that_nobody_was_at_are_no_checkpoint(
 def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
     chunked, rewritten, flipped, tmp_path
 ):
-    """Who hides an action and its reward before the next status takes one from its count."""
+    """A forger who hides an action and its reward must reduce the count of the next status."""
     period = chunked.run.step_period * 1e9
     path, _ = flipped(chunked.bag, 5)
     [(_, last)] = lost_parts(verify(path))

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`explain` says where a robot left a stand-off: it asked twice, saw no robot move, and left."""
+"""`explain` shows where a robot left a stand-off: it asked twice, saw no robot move, and left."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def asked_twice_and_saw_no_robot_move(log, one):
 
 
 def test_each_move_that_the_values_do_not_say_is_told_as_left_at_random(log):
-    """Robots that are answered do not explore: no other reason for such a move is left."""
+    """Robots with an answer do not explore: no other reason for such a move is left."""
     left = 0
     for one, lines in told(log):
         best = max(one.q_values)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The log as arrays and as a data frame: what the simulation without ROS says."""
+"""The log as arrays and as a data frame: equal to the simulation without ROS."""
 
 import re
 from collections import Counter

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plans in a log: each follows from what was learned, or `verify` says that it does not."""
+"""Plans in a log: each follows from the learned memories, or `verify` reports it."""
 
 import itertools
 
@@ -52,7 +52,7 @@ def test_plans_follow_from_what_was_learned(planned, asked):
 
 
 def test_that_a_robot_kept_its_tables_nobody_can_tell(planned, asked, tmp_path_factory):
-    """A peer may not have said what it learned; or somebody has put the tables there."""
+    """A peer may not have sent its memory; or a forger has put the tables there."""
     honest = bag_of(tmp_path_factory.mktemp("kept"), alone=(0,))
     found = asked(honest)
     [unknown] = found.unknown
@@ -83,7 +83,7 @@ def test_the_counts_beside_a_plan_are_those_of_the_last_tables(planned, asked):
 
 
 def test_after_a_difference_no_plan_is_compared(planned, asked):
-    """What robots had learned at the end is then unknown."""
+    """The robots' memories at the end are then unknown."""
     found = asked(planned, Forgery("message", ("/robot_1/reward", 20), "removed"))
     assert found.differences
     assert all("improved" not in one.quantity for one in found.differences)

@@ -83,7 +83,7 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
 def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(
     restarted, good
 ):
-    """What it missed of the robot until then is a gap; what it misses afterwards is not."""
+    """Earlier missed messages of the robot are a gap; later missed ones are not."""
     period = good.run.step_period * 1e9
 
     def deaf(first, last):
@@ -105,7 +105,7 @@ def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(
 
 @pytest.mark.parametrize("later", [0, 1])
 def test_a_world_that_went_back_has_no_reward_to_say_again(good, tmp_path, later):
-    """Before its next step; after that it says a state again with its reward, or not at all."""
+    """Before its next step; after that it repeats a state with its reward, or not at all."""
     found = verify(
         rolled_back(good, tmp_path / "bag", 150, after=25, again=150 + later)
     )
@@ -119,7 +119,7 @@ def test_a_world_that_went_back_has_no_reward_to_say_again(good, tmp_path, later
 
 @pytest.mark.parametrize("missed", [0, 3])
 def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, missed):
-    """It gets tables of before from the robots, and may miss the first steps: a named gap."""
+    """It receives earlier tables from the robots, and may miss the first steps: a named gap."""
     run = record(settings={"steps": 200}, values={"checkpoint": 10})
     period = run.run.step_period * 1e9
     times = [one.log_time_ns for one in open_bag(run.bag).attachments]
@@ -159,7 +159,7 @@ def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
 
 
 def test_an_answer_to_a_question_of_before_a_roll_back():
-    """Of the last steps before it, or of the checkpoint, by who has gone back already."""
+    """Of the last steps before it, or of the checkpoint if the answering robot has gone back."""
     back = Rollback(1, step=56, first=56, until=76)
     assert [step for step in range(50, 80) if may_be_asked_before(step, back)] == [
         *range(50, 57),
@@ -169,7 +169,7 @@ def test_an_answer_to_a_question_of_before_a_roll_back():
 
 
 def test_a_question_of_before_a_roll_back_that_its_peer_answers_from_behind_it():
-    """A recorder that stood still writes it down in the file of after the roll-back."""
+    """A recorder that was stopped writes it into the file after the roll-back."""
     back = Rollback(1, step=56, first=56, until=76)
     asked = [
         Request(0, 1, step, (0.5, 0.5), answer=(at, None))
@@ -181,7 +181,7 @@ def test_a_question_of_before_a_roll_back_that_its_peer_answers_from_behind_it()
 
 
 def test_what_goes_back_supersedes():
-    """What earlier files say from its first time step on, and its own file from before it."""
+    """Earlier files from its first time step on, and its own file before it."""
     back = Rollback(1, step=50, first=52, until=76)
     steps = range(48, 54)
     assert [one for one in steps if superseded(0, one, [back])] == [52, 53]
@@ -189,13 +189,13 @@ def test_what_goes_back_supersedes():
 
 
 def request(sent, returned, peer=1, step=9, answer=9):
-    """Return a request of robot 1 for a step, by when it was sent and its answer came."""
+    """Return a request of robot 1 for a step, with the times of its sending and its answer."""
     times = {EventKind.SENT: sent, EventKind.RETURNED: returned}
     return Request(0, peer, step, (0.0, 0.0), times, answer=(answer, None))
 
 
 def test_of_requests_sent_again_the_newest_counts():
-    """A peer that stood still answers all of them, when its asker has given the others up."""
+    """A peer that was stopped answers all of them, after its asker has given up the others."""
 
     superseded = request(1, 30)
     newest = request(20, 31)
@@ -211,7 +211,7 @@ def test_of_requests_sent_again_the_newest_counts():
 def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(
     good, until, twice
 ):
-    """They are what everybody went on with, and not steps that were recorded twice."""
+    """All robots continued with them; they are not steps that were recorded twice."""
     attached = open_bag(good.bag).attachments
     attachment = next(one for one in attached if one.name.startswith("tables/robot_1_"))
     attachment = replace(attachment, name=f"tables/robot_1_{AT}.npz")
@@ -229,7 +229,7 @@ def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(
     [([9], 0), ([8, 9], 1), ([8, 8, 9], 2), ([8, 8], 1), ([9, 10], 0), ([8, 9, 9], 1)],
 )
 def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times):
-    """It had an answer of the very step, and did not look at it in time."""
+    """It had an answer of the same step, and did not read it in time."""
     requests = [
         request(2 * i, 2 * i + 1, answer=answer) for i, answer in enumerate(answers)
     ]
@@ -238,7 +238,7 @@ def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times)
 
 
 def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
-    """And not on that to the request that it sent meanwhile, by when its peer was further."""
+    """And not on the answer to its repeated request, when its peer was at a later step."""
     log = verify(good.bag).log
     one = next(
         r for r in log.requests if r.answer is not None and r.answer[1] is not None
@@ -276,7 +276,7 @@ def test_a_peer_that_was_a_step_further_refuses(good):
 
 
 def test_a_robot_asks_from_where_it_is(good):
-    """Even where all four events of a request say the same."""
+    """Even if all four events of a request agree."""
     log = read_run(good.bag)
     [found] = with_request(log, lambda one: {"position": (0.25, 0.25)})
     assert found.quantity.startswith("dialogue") and "(0.25, 0.25)" in found.logged

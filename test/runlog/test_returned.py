@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Who came back and went on without the team: what the log cannot say is left open, in words."""
+"""Nodes that came back and continued without the team: unknown parts are named."""
 
 import numpy as np
 import pytest
@@ -30,9 +30,9 @@ CALL = RunStatus("", RunState.RESUMING, 1, 0, order=Order("order", NO_ROLLBACK, 
 
 @pytest.fixture
 def returned(good, tmp_path):
-    """Return a function that writes a bag: robot_2 says something, tables are changed.
+    """Return a function that writes a bag: robot_2 sends a message, tables are changed.
 
-    The tables `which` of a robot are changed; the attachment `again` is there twice.
+    The tables `which` of a robot are changed; the attachment `again` occurs twice.
     """
     bag = open_bag(good.bag)
     directory = tmp_path / "bag"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""No honest run differs, whatever went wrong in it: random schedules of faults, fixed seeds."""
+"""No honest run differs, with any faults: random schedules of faults, fixed seeds."""
 
 import random
 
@@ -21,7 +21,7 @@ RUNS = (
 
 
 def schedule(draw, robots):
-    """Return what goes wrong in a run."""
+    """Return the faults of a run."""
 
     def places(most):
         count = draw.randrange(most)
@@ -67,7 +67,7 @@ def test_no_false_alarm(record, block):
 
 
 def test_left_out_while_its_peer_had_arrived(record):
-    """The world then begins a new episode, without a transition that leaves anybody out."""
+    """The world then begins a new episode, without a transition that leaves a robot out."""
     for seed in range(30):
         faults = {"late": [(1, t) for t in range(5, 90)], "lost": []}
         run = record(

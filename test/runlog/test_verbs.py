@@ -15,6 +15,8 @@ from sparse_coord_ros.log.runlog import Difference, Unknown, read_run
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.protocol.wire.messages import REWARD_FORM
 from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.steps import logged_step
 
 
 @pytest.fixture
@@ -188,7 +190,10 @@ def test_explain_finds_the_next_one(sparse_coord, good):
     calm = next(t for t in log.step.tolist() if t > steps[3] and t not in steps)
     following = min(t for t in steps if t > calm)
     out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
-    assert out[0] == f"no COORDINATE at step {calm}; the next is at step {following}"
+    assert (
+        out[0]
+        == f"all robots: no question at step {calm}; the next is at step {following}"
+    )
     assert out[1].startswith(f"step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out
@@ -206,3 +211,21 @@ def test_explain_refuses_bad_input(sparse_coord, good, arguments, words):
     code, out, err = sparse_coord("explain", good.bag, *arguments)
     assert (code, out) == (2, "")
     assert words in err and err.count("\n") == 1
+
+
+def test_explain_says_how_robots_interact(sparse_coord, record):
+    settings = {"interactions": "together:anywhere+swap+block", "steps": 2000}
+    bag = record(settings=settings).bag
+    log = read_run(bag)
+    narrator = Narrator(log.run.scenario)
+    told = 0
+    for k in range(len(log.names)):
+        for step in coordinations(log, k):
+            sentences = narrator.interactions(logged_step(log, log.row_of[step]))
+            if not sentences or told == 3:
+                continue
+            told += 1
+            out = sparse_coord("explain", bag, "--step", step)[1]
+            for sentence in sentences:
+                assert f"at the end of step {step}: {sentence}\n" in out
+    assert told > 0

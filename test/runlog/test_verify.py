@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every alteration of a good log is found and named; what a run can honestly suffer is not."""
+"""Every alteration of a good log is found and named; honest faults of a run are not."""
 
 import math
 
@@ -171,7 +171,7 @@ def test_a_run_that_goes_on_from_tables(record, good):
     )
 
 
-# What runs honestly suffer.
+# Honest faults of runs.
 
 
 def test_of_an_unfinished_log_the_rest_is_checked(record):
@@ -187,7 +187,7 @@ def test_of_an_unfinished_log_the_rest_is_checked(record):
 
 
 def test_a_rewritten_log_is_still_identical(alter):
-    """Though DDS pads what it hands over as bytes, as the map."""
+    """Although DDS pads serialised messages, such as the map."""
 
     def change(messages):
         padded = ("/map", "/markers", "/robot_1/reward")
@@ -245,7 +245,7 @@ def test_no_node_writes_a_zero_with_a_sign(tmp_path, topic):
 
 @pytest.mark.parametrize("learner", ["coop", "factored", "cq"])
 def test_all_that_a_robot_remembers_is_compared(tmp_path, learner):
-    """An element of each array of its last tables in turn, also of what learning goes on with."""
+    """An element of each array of its last tables in turn, also of the rest of its memory."""
     settings = {**OFTEN, "steps": 60, "penalty": -50}
     bag = forging.read(
         recorded(tmp_path / "run", "env1", settings, values={"learner": learner}).bag
@@ -354,7 +354,7 @@ def test_a_percept_that_ought_to_have_failed(alter, convert, log, asked):
 
 
 def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, asked):
-    """The dialogue of that step shows that the peer said where it was."""
+    """The dialogue of that step shows that the peer answered."""
     row = int(np.flatnonzero(log.step == asked[0])[0])
     own = serialize_message(convert.path(asked[0], log.cells[row, :1].tolist()))
 
@@ -380,7 +380,7 @@ def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, ask
 
 @pytest.mark.parametrize("end", [PerceptEnd.ANSWERED, PerceptEnd.NOBODY_TO_ASK])
 def test_a_percept_that_ended_without_having_begun(alter, convert, moved, end):
-    """Whoever does not choose COORDINATE has no percept to end."""
+    """A robot that does not choose COORDINATE has no percept to end."""
 
     def data(old):
         numbers = list(ACTION_FORM.layout.unpack(old))
@@ -455,7 +455,7 @@ def test_a_message_that_says_something_twice_in_two_ways(alter, convert, moved):
     ],
 )
 def test_the_dialogue(alter, convert, asked, kind, how):
-    """Of each of the four events of a question of robot_1."""
+    """Each of the four events of a question of robot_1."""
 
     def change(messages):
         seen = -1
@@ -498,7 +498,7 @@ def test_without_the_topic_run(alter):
 
 
 def test_a_world_that_does_not_say_how_the_run_ended(alter):
-    """It may have been killed, or the recorder stopped before it said so."""
+    """It may have been killed, or the recorder stopped before the status."""
     found = alter(without_last("/status"))
     [unknown] = found.unknown
     assert found.undecided and unknown.last is None
@@ -531,7 +531,7 @@ def test_a_world_whose_markers_are_its_own(alter, other):
 
 
 def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
-    """Of one's own; what it did is told, and no reason is made up for it."""
+    """A user's own robot; its actions are shown, without an invented reason."""
     found = alter(
         lambda messages: [
             m for m in messages if m.topic != "/robot_1/coordination_map"
@@ -552,7 +552,7 @@ def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
 
 @pytest.mark.parametrize("topic", ["/map", "/robot_1/local_state", "/status"])
 def test_a_gap_in_the_numbers_of_a_topic(good, rewritten, tmp_path, topic):
-    """A message that was taken out without numbering the others anew is missed on any topic."""
+    """A message that was removed without new numbers for the others is missed on any topic."""
     bag = rewritten(good.bag, tmp_path / "bag", gap=(topic, 2))
     found = verify(bag)
     odd = [one.logged for one in found.differences if one.quantity == f"topic {topic}"]
@@ -635,7 +635,7 @@ def test_the_files_of_the_run(alter, name, how):
 
 
 def test_a_wrong_seed_everywhere(good, rewritten, tmp_path):
-    """With the seed changed in every place, the world itself gives it away."""
+    """With the seed changed in every place, the world itself shows it."""
 
     def change(messages):
         return [

@@ -1,6 +1,7 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A stretch of a log is what the whole log has there; a walk needs no end and survives damage."""
+"""A part of a log equals the whole log there; reading in parts needs no end and survives
+damage."""
 
 import shutil
 
@@ -121,7 +122,7 @@ def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch):
 
 
 def test_the_whole_log_as_far_as_some_topics_tell(bag):
-    """Read once, without a look at every byte; the rest of it is empty, not wrong."""
+    """Read once, without a check of every byte; the rest of it is empty, not wrong."""
     due = read_run(bag)
     log = LongLog(bag)
     found = log.whole((*window.MOVES, wire.STATUS))

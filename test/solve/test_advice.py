@@ -11,16 +11,16 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.advice import (
     AVOIDABLE,
-    LEAST_WORTH,
+    LEAST_RELATIVE_GAIN,
     MAY_PAY,
-    SURE_WORTH,
-    SURE_WORTH_BY_BOUND,
+    SURE_RELATIVE_GAIN,
+    SURE_RELATIVE_GAIN_BY_BOUND,
     WILL_NOT_PAY,
     WILL_PAY,
     advice,
     in_questions,
     loss_of_ignoring,
-    worth_of,
+    relative_gain,
 )
 from sparse_coord_ros.core.solve.optimum import joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -79,17 +79,17 @@ def worth_in_env1(cost, **settings):
     """Return what env1 at -100 is found to be, and the worth of its gain."""
     scenario = load_scenario("env1", penalty=-100, ask_cost=cost, **settings)
     found = advice(scenario)
-    return found.kind, worth_of(found.gain, scenario)
+    return found.kind, relative_gain(found.gain, scenario)
 
 
 def test_the_thresholds():
     """Up to 27.96 can be won back in env1."""
     gain = advice(load_scenario("env1", penalty=-100)).gain
     for worth, kind in (
-        (0.99 * LEAST_WORTH, WILL_NOT_PAY),
-        (1.01 * LEAST_WORTH, MAY_PAY),
-        (0.99 * SURE_WORTH, MAY_PAY),
-        (1.01 * SURE_WORTH, WILL_PAY),
+        (0.99 * LEAST_RELATIVE_GAIN, WILL_NOT_PAY),
+        (1.01 * LEAST_RELATIVE_GAIN, MAY_PAY),
+        (0.99 * SURE_RELATIVE_GAIN, MAY_PAY),
+        (1.01 * SURE_RELATIVE_GAIN, WILL_PAY),
     ):
         assert worth_in_env1(gain / worth) == (kind, pytest.approx(worth))
 
@@ -109,8 +109,8 @@ def test_larger_teams_are_measured_by_robots_alone():
     found = advice(scenario)
     assert found.gain == pytest.approx(found.loss) and "win back" not in found.text
     for worth, kind in (
-        (0.99 * SURE_WORTH_BY_BOUND, MAY_PAY),
-        (1.01 * SURE_WORTH_BY_BOUND, WILL_PAY),
+        (0.99 * SURE_RELATIVE_GAIN_BY_BOUND, MAY_PAY),
+        (1.01 * SURE_RELATIVE_GAIN_BY_BOUND, WILL_PAY),
     ):
         cost = found.loss / worth
         assert (

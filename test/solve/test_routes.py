@@ -12,7 +12,7 @@ from sparse_coord_ros.core.game.interactions import NOWHERE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import routes
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.core.solve.routes import Ways, meeting, route_plan
+from sparse_coord_ros.core.solve.routes import TeamPlan, meeting, route_plan
 
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
@@ -36,7 +36,7 @@ def test_compiled_and_plain_are_one(monkeypatch):
         "1.DD.2\n3.#..4", {"a": (1, 2), "b": (2, 1), "c": (3, 4)}, penalty=-20
     )
     draws = np.random.default_rng(1).random((5, 40, 3))
-    ways = Ways((2, 0, 1), (frozenset(),) * 3, one_at_a_time=True)
+    ways = TeamPlan((2, 0, 1), (frozenset(),) * 3, one_at_a_time=True)
     found = routes.returns_of(scenario, ways, draws)
     monkeypatch.setattr(routes, "compiled", lambda: routes.play)
     assert routes.returns_of(scenario, ways, draws).tobytes() == found.tobytes()
@@ -45,7 +45,7 @@ def test_compiled_and_plain_are_one(monkeypatch):
 def test_a_robot_alone_is_worth_its_shortest_path():
     scenario = drawn("1.D.2", {"a": (1, 2)}, penalty=-100)
     draws = np.random.default_rng(2).random((4000, 100, 1))
-    means = routes.returns_of(scenario, Ways((0,), (frozenset(),)), draws)
+    means = routes.returns_of(scenario, TeamPlan((0,), (frozenset(),)), draws)
     error = means.std() / len(means) ** 0.5
     assert abs(means.mean() - independent_bound(scenario)) < 4 * error
 
@@ -53,7 +53,9 @@ def test_a_robot_alone_is_worth_its_shortest_path():
 def test_a_miscoordination_is_paid_when_it_happens():
     scenario = drawn("1.D.2", penalty=-1)  # waiting would cost more
     always = np.zeros((1, 20, 2))
-    [returns] = routes.returns_of(scenario, Ways((0, 1), (frozenset(),) * 2), always)
+    [returns] = routes.returns_of(
+        scenario, TeamPlan((0, 1), (frozenset(),) * 2), always
+    )
     assert returns == pytest.approx(200 * 0.95**3 - 0.95)
 
 
@@ -66,10 +68,12 @@ def test_a_route_keeps_out_of_its_doorways():
     assert routes.moves_to(lead, goal, frozenset())[start] == 4
     assert routes.moves_to(lead, goal, frozenset({near}))[start] == 8
     assert routes.moves_to(lead, goal, frozenset({near, far}))[start] == -1
-    changes = list(Ways((0, 1), (frozenset(), frozenset({far}))).changes([near, far]))
+    changes = list(
+        TeamPlan((0, 1), (frozenset(), frozenset({far}))).changes([near, far])
+    )
     assert len(changes) == len(set(changes)) == 1 + 1 + 4
-    assert Ways((1, 0), (frozenset(), frozenset({far}))) in changes
-    assert Ways((0, 1), (frozenset(), frozenset())) in changes
+    assert TeamPlan((1, 0), (frozenset(), frozenset({far}))) in changes
+    assert TeamPlan((0, 1), (frozenset(), frozenset())) in changes
 
 
 def test_doorways_side_by_side_are_one_passage():

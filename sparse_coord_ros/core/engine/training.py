@@ -95,7 +95,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    quick = batch.is_loaded(learner=rule, history=True) or worth_compiling(
+    quick = batch.is_loaded(learner=rule, history=True) or pays_to_compile(
         scenario, rule
     )
     if engine == "auto" and not quick:
@@ -103,7 +103,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
     return "numba" if batch.uses_numba(engine, rule) else "python"
 
 
-def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
+def pays_to_compile(scenario: Scenario, learner: Learner) -> bool:
     """Return whether plain Python takes longer for a run than numba takes to begin."""
     kept = batch.is_prepared(learner=learner, history=True)
     needed = WORTH_LOADING if kept else WORTH_COMPILING

@@ -57,13 +57,13 @@ GOLDEN = 0.6180339887498949
 """Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
 
 STOP = 0.5
-"""What a stop counts, as a share of what arrival is worth. It costs one step, but robots that stop
-each other may stand for ever: by that step alone most teams in a lane do."""
+"""The weight of a stop, as a share of the value of an arrival. It costs one step, but robots that
+stop each other may stand for ever: by that step alone most teams in a lane do."""
 
 LEAVE = Spec("leave", (0.5, 0.25))
 """How robots of a team of more than two leave a stand-off, unless another way was chosen."""
 
-LEAST_WORTH = 0.36
+LEAST_VALUE_SHARE = 0.36
 """The least value of a cell in a team of more than two, as a share of a lone robot's."""
 
 
@@ -87,7 +87,7 @@ class Factored(Learner):
     )
     leaves = True
     values = ("q_star", "value", "u", "alone", "r_bar", "w", "rho")
-    scratch = ("correction", "found", "there", "blame")
+    scratch = ("correction", "found", "there", "obstruction")
 
     class Mind(NamedTuple):
         """The learned tables of a robot; x is a cell, b a move.
@@ -116,7 +116,7 @@ class Factored(Learner):
             correction: space for Q^C(x, z, .) - U(x, .) [b].
             found: space for the rows that it adds up to [robot].
             there: space for the value of the second of two questions where each move leads [b].
-            blame: space for the degree to which each robot is in the way there [b][robot].
+            obstruction: space for the degree to which each robot is in the way there [b][robot].
         """
 
         q_star: Any
@@ -140,7 +140,7 @@ class Factored(Learner):
         correction: Any
         found: Any
         there: Any
-        blame: Any
+        obstruction: Any
 
     # A team.
 
@@ -200,7 +200,7 @@ class Factored(Learner):
             if not np.isin(memory[name], [0.0, felt, with_help]).all():
                 raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
         best = memory["q_star"].max(axis=1)
-        kept = np.maximum(best, LEAST_WORTH * memory["alone"].max(axis=1))
+        kept = np.maximum(best, LEAST_VALUE_SHARE * memory["alone"].max(axis=1))
         value = memory["value"]
         if ((value != best) & (value != kept)).any():
             raise ValueError("value is not the maximum of q_star")
@@ -264,7 +264,7 @@ class Factored(Learner):
             correction=np.zeros(PRIMITIVES),
             found=np.zeros(team, dtype=np.int64),
             there=np.zeros(PRIMITIVES),
-            blame=np.zeros((PRIMITIVES, team)),
+            obstruction=np.zeros((PRIMITIVES, team)),
         )
 
     @staticmethod
@@ -368,14 +368,14 @@ class Factored(Learner):
         return here
 
     @staticmethod
-    def worth(mind: Mind, task: Task, cell: int) -> float:
+    def cell_value(mind: Mind, task: Task, cell: int) -> float:
         """Return max_b Q*(cell, b); in a larger team at least a share of a lone robot's.
 
         There r^C counts so often that the values of a room could fall to 0, and stay there.
         """
         best = greatest(mind.q_star[cell], len(ACTIONS))
         if task.robots > 2:
-            return max(best, LEAST_WORTH * greatest(mind.alone[cell], PRIMITIVES))
+            return max(best, LEAST_VALUE_SHARE * greatest(mind.alone[cell], PRIMITIVES))
         return best
 
     @staticmethod
@@ -482,8 +482,8 @@ def share_of_surplus(mind: Any, task: Task, first: int, here: float) -> float:
 
 
 @of_learner
-def worth(mind: Any, task: Task, cell: int) -> float:
-    """As `Factored.worth`."""
+def cell_value(mind: Any, task: Task, cell: int) -> float:
+    """As `Factored.cell_value`."""
     raise NotImplementedError
 
 
@@ -599,7 +599,7 @@ def refresh(mind: Any, task: Task, cell: int) -> None:
     for b in range(PRIMITIVES):
         q_star[b] = u[b] + r_bar[b]
     q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
-    mind.value[cell] = worth(mind, task, cell)
+    mind.value[cell] = cell_value(mind, task, cell)
 
 
 @inlined
@@ -819,8 +819,8 @@ def surplus(mind: Any, task: Task, cell: int) -> float:
 
     It is counted beyond the average of percepts there.
     """
-    worth: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
-    return worth
+    value: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
+    return value
 
 
 @inlined
@@ -828,7 +828,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
     """Set the value of a second question where a move leads, and the peers in the way there.
 
     Args:
-        mind: the robot's mind; `there` and `blame` are set.
+        mind: the robot's mind; `there` and `obstruction` are set.
         task: the robot's task.
         now: the step with the second question.
         first: the cell of the first question.
@@ -838,7 +838,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
     known = mind.moved[first][b] > 0 and s != task.goal
     mind.there[b] = 0.0
     for peer in range(task.robots):
-        mind.blame[b][peer] = 0.0
+        mind.obstruction[b][peer] = 0.0
     if not known:
         return
     correct(mind, task, s, now.seen, now.cells)
@@ -848,7 +848,7 @@ def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> No
         for peer in range(task.robots):
             row = mind.found[peer]
             if row != NO_ROW:
-                mind.blame[b][peer] = min(0.0, mind.rho.values[row][best])
+                mind.obstruction[b][peer] = min(0.0, mind.rho.values[row][best])
 
 
 @inlined
@@ -939,10 +939,10 @@ def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
     some = 0.0
     whole = 0.0
     for j in range(task.robots):
-        whole += mind.blame[b][j]
+        whole += mind.obstruction[b][j]
         if (peers >> j) & 1:
             count += 1
-            some += mind.blame[b][j]
+            some += mind.obstruction[b][j]
     return some / whole if whole < 0.0 else count / (task.robots - 1)
 
 

@@ -37,7 +37,7 @@ from sparse_coord_ros.core.learners.rules import (
     replays_of,
 )
 
-Made = Callable[[Scenario, int], np.ndarray]
+MemoryMaker = Callable[[Scenario, int], np.ndarray]
 """Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
 
 
@@ -131,7 +131,7 @@ class Learner:
     leaves: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
-    memory: Mapping[str, Made] = MappingProxyType({})
+    memory: Mapping[str, MemoryMaker] = MappingProxyType({})
     values: tuple[str, ...] = ("q_star", "q_coord")
     given: tuple[str, ...] = ()
     scratch: tuple[str, ...] = ()
@@ -171,9 +171,9 @@ class Learner:
         )
 
     @property
-    def own_memory(self) -> Mapping[str, Made]:
+    def own_memory(self) -> Mapping[str, MemoryMaker]:
         """The fields that the class and its base classes add to the mind by `memory`."""
-        found: dict[str, Made] = {}
+        found: dict[str, MemoryMaker] = {}
         for one in reversed(type(self).__mro__):
             found |= vars(one).get("memory", {})
         return found

@@ -22,15 +22,16 @@ WILL_NOT_PAY = "will not pay"
 AVOIDABLE = "avoidable"
 """Asking will not pay, as robots can keep out of each other's way for nothing."""
 
-LEAST_WORTH = 1.0
-"""Below this worth a question costs more than all that can be won, and robots hardly ask. They may
-still win a part of that little by their choice of ways."""
+LEAST_RELATIVE_GAIN = 1.0
+"""Below this relative gain a question costs more than the whole gain, and robots hardly ask. They
+may still win a part of the gain by their choice of ways."""
 
-SURE_WORTH = 3.0
-"""From this worth on nearly every pair closes at least half of the gap to the joint optimum."""
+SURE_RELATIVE_GAIN = 3.0
+"""From this relative gain on, nearly every pair closes at least half of the gap to the joint
+optimum."""
 
-SURE_WORTH_BY_BOUND = 30.0
-"""The same where only a bound of the joint optimum is known, as of larger teams."""
+SURE_RELATIVE_GAIN_BY_BOUND = 30.0
+"""The same if only a bound of the joint optimum is known, as for larger teams."""
 
 FREE = 0.001
 """Robots can avoid each other for nothing if that costs at most this share of the loss."""
@@ -67,15 +68,15 @@ def advice(scenario: Scenario) -> Advice:
     if any(scenario.help_rewards):
         return _advice_of_help(scenario, loss, optimum)
     gain = _positive(loss - independent_bound(scenario) + optimum.value, scenario)
-    worth = worth_of(gain, scenario)
-    sure = SURE_WORTH if optimum.exact else SURE_WORTH_BY_BOUND
-    if worth < LEAST_WORTH:
+    gain_in_costs = relative_gain(gain, scenario)
+    sure = SURE_RELATIVE_GAIN if optimum.exact else SURE_RELATIVE_GAIN_BY_BOUND
+    if gain_in_costs < LEAST_RELATIVE_GAIN:
         kind = WILL_NOT_PAY
         said = "Asking will not pay"
     elif optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
         said = "Asking will not pay, because robots can choose paths that do not meet"
-    elif worth < sure:
+    elif gain_in_costs < sure:
         kind = MAY_PAY
         said = "Coordination may pay"
     else:
@@ -97,13 +98,13 @@ def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice
     """
     gain = optimum.value - shortest_path_reference(scenario).returns
     gain = _positive(gain, scenario)
-    worth = worth_of(gain, scenario)
+    gain_in_costs = relative_gain(gain, scenario)
     kind = MAY_PAY
     said = "Coordination may pay"
-    if worth < LEAST_WORTH:
+    if gain_in_costs < LEAST_RELATIVE_GAIN:
         kind = WILL_NOT_PAY
         said = "Asking will not pay"
-    elif optimum.exact and worth >= SURE_WORTH:
+    elif optimum.exact and gain_in_costs >= SURE_RELATIVE_GAIN:
         kind = WILL_PAY
         said = "Coordination will pay"
     facts = "robots that ignore each other gain nothing by seeing each other"
@@ -139,7 +140,7 @@ def in_questions(value: float, scenario: Scenario) -> float:
     return math.inf
 
 
-def worth_of(gain: float, scenario: Scenario) -> float:
+def relative_gain(gain: float, scenario: Scenario) -> float:
     """Return a gain in units of a question's cost, corrected for failed questions.
 
     Two robots see each other if both are answered: the chance of an answer counts twice.

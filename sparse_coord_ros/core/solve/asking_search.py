@@ -49,7 +49,7 @@ from sparse_coord_ros.core.solve.asking_loops import (
     WeightedGame,
     Workspace,
 )
-from sparse_coord_ros.core.solve.optimum import most_help, worth_alone
+from sparse_coord_ros.core.solve.optimum import most_help, value_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
 SEARCH_FORMAT = 1
@@ -172,7 +172,7 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     starts, goals = np.array([(robot.start, robot.goal) for robot in robots]).T
     far = np.array([grid.distances_to(goal) for goal in goals])
     near = np.argsort((far[0][:, None] + far[1]).ravel(), kind="stable")
-    alone = share[:, None] * worth_alone(scenario, far)
+    alone = share[:, None] * value_alone(scenario, far)
     return WeightedGame(
         lead=np.column_stack([grid.next_cell, np.arange(cells)]),
         starts=starts,

@@ -36,7 +36,7 @@ class Pair(NamedTuple):
         interactions: of the two, in these cells.
         penalties: r^C of a miscoordination for each robot; (2,).
         help_rewards: r^C of help for each robot; (2,).
-        worth: value of a robot's arrival, for ever.
+        arrival_value: value of a robot's arrival, for ever.
         cost: of asking.
         discount: gamma.
         success: probability that a move succeeds.
@@ -52,7 +52,7 @@ class Pair(NamedTuple):
     interactions: Interactions
     penalties: np.ndarray
     help_rewards: np.ndarray
-    worth: float
+    arrival_value: float
     cost: float
     discount: float
     success: float
@@ -243,21 +243,21 @@ def pay(
     w: int,
     conflict: bool,
     helped: bool,
-    worth: float,
+    weight: float,
     q: float,
 ) -> None:
-    """Add the rewards of a step from (x, z) to (y, w) of probability q; `worth`: discounted q."""
+    """Add the rewards of a step from (x, z) to (y, w) of probability q; `weight`: discounted q."""
     if conflict:
         sums.team[CONFLICTS] += q
-        sums.robots[RETURN, 0] += worth * pair.penalties[0]
-        sums.robots[RETURN, 1] += worth * pair.penalties[1]
+        sums.robots[RETURN, 0] += weight * pair.penalties[0]
+        sums.robots[RETURN, 1] += weight * pair.penalties[1]
     if helped:
-        sums.robots[RETURN, 0] += worth * pair.help_rewards[0]
-        sums.robots[RETURN, 1] += worth * pair.help_rewards[1]
+        sums.robots[RETURN, 0] += weight * pair.help_rewards[0]
+        sums.robots[RETURN, 1] += weight * pair.help_rewards[1]
     if y == pair.goals[0] and x != y:
-        sums.robots[RETURN, 0] += worth * pair.worth
+        sums.robots[RETURN, 0] += weight * pair.arrival_value
     if w == pair.goals[1] and z != w:
-        sums.robots[RETURN, 1] += worth * pair.worth
+        sums.robots[RETURN, 1] += weight * pair.arrival_value
     if y == pair.goals[0] and w == pair.goals[1]:
         sums.team[ARRIVED] += q
 
@@ -287,7 +287,7 @@ def bring(
     if helped:
         paid += pair.help_rewards[k]
     if acting and y == pair.goals[k]:
-        paid += pair.worth
+        paid += pair.arrival_value
     with_cost = paid - pair.cost
     brought[0, 2 * RETURN + k] = factor * (paid - asked * pair.cost)
     brought[1, 2 * RETURN + k] = factor**2 * (

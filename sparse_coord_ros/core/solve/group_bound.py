@@ -31,7 +31,7 @@ from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import check_only_together
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
-from sparse_coord_ros.core.solve.optimum import payment, successors, worth_alone
+from sparse_coord_ros.core.solve.optimum import payment, successors, value_alone
 
 TOLERANCE = 1e-5
 """Where all values fall by less in a sweep, it is the last one."""
@@ -93,19 +93,19 @@ class Group(NamedTuple):
     success: float
 
 
-class Space(NamedTuple):
+class Workspace(NamedTuple):
     """Working memory of a backup.
 
     Attributes:
         cells, moves: of each robot; (robots,), int64.
         after: joint states where a step may end; (CHOICES ** robots,), int64.
-        worth: their values; (2, CHOICES ** robots).
+        values: their values; (2, CHOICES ** robots).
     """
 
     cells: np.ndarray
     moves: np.ndarray
     after: np.ndarray
-    worth: np.ndarray
+    values: np.ndarray
 
 
 def group_bound(scenario: Scenario, size: int = LARGEST_GROUP) -> GroupBound:
@@ -266,12 +266,12 @@ def _game(scenario: Scenario) -> Group:
     )
 
 
-def _space(count: int) -> Space:
-    return Space(
+def _space(count: int) -> Workspace:
+    return Workspace(
         cells=np.zeros(count, dtype=np.int64),
         moves=np.zeros(count, dtype=np.int64),
         after=np.zeros(CHOICES**count, dtype=np.int64),
-        worth=np.zeros((2, CHOICES**count)),
+        values=np.zeros((2, CHOICES**count)),
     )
 
 
@@ -288,20 +288,22 @@ def _alone(scenario: Scenario) -> np.ndarray:
     """Return the value of each robot alone in each cell, arrived robots too; (robots, cells)."""
     goals = [robot.goal for robot in scenario.robots]
     far = np.array([scenario.map.distances_to(goal) for goal in goals])
-    worth = worth_alone(scenario, far)
-    worth[np.arange(len(goals)), goals] = scenario.goal_reward / (1 - scenario.discount)
-    return worth
+    values = value_alone(scenario, far)
+    values[np.arange(len(goals)), goals] = scenario.goal_reward / (
+        1 - scenario.discount
+    )
+    return values
 
 
 @inner
-def backup(game: Group, entering: np.ndarray, state: int, space: Space) -> float:
+def backup(game: Group, entering: np.ndarray, state: int, space: Workspace) -> float:
     """Return the value of a joint state by its best joint move; write the robots' moves.
 
     A move is written as the place of the cell where it leads in `Group.ends`.
 
     Args:
         game: the group's game.
-        entering: what each joint state is worth to a step that ends there: the reward, and what
+        entering: the value of each joint state for a step that ends there: the reward, and what
             follows.
         state: the joint state; not all have arrived.
         space: room.
@@ -320,10 +322,10 @@ def backup(game: Group, entering: np.ndarray, state: int, space: Space) -> float
             for c in range(several):
                 after[i * several + c] = begun + game.ends[k, x, c] * game.strides[k]
         filled *= several
-    worth = space.worth[0]
+    values = space.values[0]
     for i in range(filled):
-        worth[i] = entering[after[i]]
-    # The last robot first, what its moves may lead to becomes what they are worth on average.
+        values[i] = entering[after[i]]
+    # The last robot first, the values of its next states become the mean values of its moves.
     inside = 1
     which = 0
     p = game.success
@@ -333,8 +335,8 @@ def backup(game: Group, entering: np.ndarray, state: int, space: Space) -> float
         stays = 1 if game.stays[k, x] else 0
         moves = several - 1 + stays
         filled //= several
-        old = space.worth[which]
-        new = space.worth[1 - which]
+        old = space.values[which]
+        new = space.values[1 - which]
         for left in range(filled):
             fails = left * several * inside
             for b in range(moves):
@@ -344,7 +346,7 @@ def backup(game: Group, entering: np.ndarray, state: int, space: Space) -> float
                     new[to + i] = p * old[moved + i] + (1.0 - p) * old[fails + i]
         inside *= moves
         which = 1 - which
-    found = space.worth[which]
+    found = space.values[which]
     best = 0
     for i in range(1, inside):
         if found[i] > found[best]:
@@ -356,18 +358,18 @@ def backup(game: Group, entering: np.ndarray, state: int, space: Space) -> float
         moves = game.counts[k, x] - 1 + stays
         space.moves[k] = number % moves + 1 - stays
         number //= moves
-    worth_of_state: float = game.paid[state] + game.discount * found[best]
-    return worth_of_state
+    value: float = game.paid[state] + game.discount * found[best]
+    return value
 
 
-def sweep(game: Group, entering: np.ndarray, space: Space) -> float:
+def sweep(game: Group, entering: np.ndarray, space: Workspace) -> float:
     """Back up each joint state once, in place; return the largest change."""
     most = 0.0
     for state in range(len(entering)):
         if state != game.end:
-            worth = backup(game, entering, state, space)
-            most = max(most, entering[state] - worth)
-            entering[state] = worth
+            value = backup(game, entering, state, space)
+            most = max(most, entering[state] - value)
+            entering[state] = value
     return most
 
 
@@ -375,7 +377,7 @@ def play(
     game: Group,
     entering: np.ndarray,
     draws: np.ndarray,
-    space: Space,
+    space: Workspace,
     passed: np.ndarray,
 ) -> None:
     """Play trials by the best known policy; back up the joint states on the way, and back again.

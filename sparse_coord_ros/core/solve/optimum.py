@@ -128,8 +128,8 @@ def _solve(
         cost: mean cost of a step for a robot, by the joint state where it begins.
     """
     start = tuple(robot.start for robot in scenario.robots)
-    worth = _worth(scenario, leads, paid, cost)
-    return float(worth.max(axis=tuple(range(len(leads))))[start])
+    values = _joint_values(scenario, leads, paid, cost)
+    return float(values.max(axis=tuple(range(len(leads))))[start])
 
 
 def always_asking(scenario: Scenario) -> float | None:
@@ -154,7 +154,7 @@ def always_asking(scenario: Scenario) -> float | None:
     return _solve(scenario, leads, payment(scenario), cost)
 
 
-def _worth(
+def _joint_values(
     scenario: Scenario,
     leads: Sequence[np.ndarray],
     paid: np.ndarray,
@@ -167,17 +167,17 @@ def _worth(
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
         # The value of the next joint state; each robot adds its axis in front.
-        worth: np.ndarray = scenario.discount * value + paid
+        values: np.ndarray = scenario.discount * value + paid
         for k, lead in enumerate(leads):
-            worth = np.stack(
-                [p * worth.take(to, 2 * k) + (1.0 - p) * worth for to in lead]
+            values = np.stack(
+                [p * values.take(to, 2 * k) + (1.0 - p) * values for to in lead]
             )
-        worth -= cost
+        values -= cost
         # All have arrived: the trial is over, and robots in one doorway do not pay.
-        worth[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
-        best = worth.max(axis=tuple(range(len(leads))))
+        values[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        best = values.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
-            return worth
+            return values
         value = best
 
 
@@ -229,12 +229,12 @@ def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
     p = scenario.move_success
     value = np.zeros(after.shape[-1])
     while True:
-        worth = scenario.discount * value[after] + paid
+        values = scenario.discount * value[after] + paid
         for k in range(team):
-            moved = worth.take(range(PRIMITIVES), axis=k)
-            stayed = worth.take([STAY], axis=k)
-            worth = p * moved + (1.0 - p) * stayed
-        best = worth.max(axis=tuple(range(team)))
+            moved = values.take(range(PRIMITIVES), axis=k)
+            stayed = values.take([STAY], axis=k)
+            values = p * moved + (1.0 - p) * stayed
+        best = values.max(axis=tuple(range(team)))
         best[goal] = scenario.goal_reward / (1.0 - scenario.discount)
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
             return float(best[start])
@@ -249,7 +249,7 @@ def independent_bound(scenario: Scenario) -> float:
     robots = scenario.robots
     ways = scenario.map.distances_to
     far = np.array([ways(robot.goal)[robot.start] for robot in robots])
-    return float(np.mean(worth_alone(scenario, far)))
+    return float(np.mean(value_alone(scenario, far)))
 
 
 def upper_bound(scenario: Scenario) -> float:
@@ -263,7 +263,7 @@ def most_help(scenario: Scenario) -> float:
     return 1.0 / (1.0 - scenario.discount**2)
 
 
-def worth_alone(
+def value_alone(
     scenario: Scenario, far: np.ndarray, *, moved: bool = False
 ) -> np.ndarray:
     """Return the value of a robot alone in the world, by the moves to its goal.
@@ -284,8 +284,8 @@ def worth_alone(
     p = scenario.move_success
     prize = scenario.goal_reward / (1.0 - gamma)
     later = gamma ** np.maximum(far if moved else far - 1, 0)
-    worth = prize * later * (p / (1.0 - gamma * (1.0 - p))) ** far
-    return np.where(far < (0 if moved else 1), 0.0, worth)
+    value = prize * later * (p / (1.0 - gamma * (1.0 - p))) ** far
+    return np.where(far < (0 if moved else 1), 0.0, value)
 
 
 def successors(scenario: Scenario, k: int) -> np.ndarray:

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A planner for teams too large for exact planning: routes, an order, and one step looked ahead.
 
-It sees everybody always and pays nothing for it. In each step robots choose one after the other:
-those in a doorway first, then by their order. Each takes the move that is best for what it would
-be worth alone on its route, less what the team loses by the miscoordinations to be expected with
-the others. A route is a set of doorways that the robot keeps out of. A local search finds order
-and routes, by trials with the same draws, and whether doorways side by side are for one robot at a
-time. What comes out can be reached with full sight; it is no bound.
+It sees all robots at all times, for free. In each step robots choose one after the other: those in
+a doorway first, then by their order. Each takes the move with the largest value of a robot alone
+on its route, less the team's expected loss by miscoordinations with the others. A route is a set
+of doorways that the robot avoids. A local search finds order and routes, by trials with the same
+draws, and whether doorways side by side are for one robot at a time. A team with full sight can
+reach the result; it is not a bound.
 """
 
 import functools
@@ -27,7 +27,7 @@ from sparse_coord_ros.core.game.interactions import (
     meet,
 )
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.solve.optimum import worth_alone
+from sparse_coord_ros.core.solve.optimum import value_alone
 
 SEARCHED = 400
 """Trials by which the search judges a plan, all with the same draws."""
@@ -61,15 +61,15 @@ class RoutePlan:
     one_at_a_time: bool
 
 
-class Ways(NamedTuple):
+class TeamPlan(NamedTuple):
     """The part of a plan that the search changes; attributes as of `RoutePlan`."""
 
     order: tuple[int, ...]
     avoided: tuple[frozenset[int], ...]
     one_at_a_time: bool = False
 
-    def changes(self, doorways: Sequence[int]) -> Iterator["Ways"]:
-        """Yield what differs in one thing: two places in the order, one doorway of one robot."""
+    def changes(self, doorways: Sequence[int]) -> Iterator["TeamPlan"]:
+        """Yield the plans with one change: two places in the order, one doorway of one robot."""
         yield self._replace(one_at_a_time=not self.one_at_a_time)
         for j, own in enumerate(self.order):
             for i, other in enumerate(self.order[:j]):
@@ -129,21 +129,21 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
     team = len(scenario.robots)
     doorways = sorted(scenario.map.doorways)
-    found: list[tuple[float, Ways]] = []
+    found: list[tuple[float, TeamPlan]] = []
     for restart in range(restarts):
         rng = np.random.default_rng([seed, restart])
         draws = rng.random((SEARCHED, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
-        ways = Ways(tuple(order), (frozenset(),) * team)
+        ways = TeamPlan(tuple(order), (frozenset(),) * team)
         best = float(returns_of(scenario, ways, draws).mean())
         better = True
         while better:
             better = False
             changed = list(ways.changes(doorways))
             for number in rng.permutation(len(changed)).tolist():
-                worth = float(returns_of(scenario, changed[number], draws).mean())
-                if worth > best + LEAST_GAIN:
-                    best = worth
+                value = float(returns_of(scenario, changed[number], draws).mean())
+                if value > best + LEAST_GAIN:
+                    best = value
                     ways = changed[number]
                     better = True
                     break
@@ -164,7 +164,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
     )
 
 
-def returns_of(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
+def returns_of(scenario: Scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndarray:
     """Play trials of a plan; return the team's mean return in each.
 
     Args:
@@ -204,7 +204,7 @@ def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
         moves_to(scenario.map.next_cell, *one)
         for one in zip(goals, avoided, strict=True)
     ]
-    return worth_alone(scenario, np.array(far), moved=True)
+    return value_alone(scenario, np.array(far), moved=True)
 
 
 def passages(scenario: Scenario) -> np.ndarray:
@@ -273,7 +273,7 @@ def choose(routed: Routed, space: np.ndarray, place: int) -> None:
     for b in range(PRIMITIVES):
         y = routed.lead[x, b]
         p = routed.success if y != x else 1.0
-        worth = p * routed.after[k, y] + (1.0 - p) * routed.after[k, x]
+        value = p * routed.after[k, y] + (1.0 - p) * routed.after[k, x]
         for other in range(len(cells)):
             # Who has not chosen yet is taken to leave, which fails at times.
             j = sequence[other]
@@ -281,9 +281,9 @@ def choose(routed: Routed, space: np.ndarray, place: int) -> None:
                 there = claims[chosen[j]] if other < place else NOWHERE
                 here = claims[cells[j]]
                 meet = meeting(claims[x], claims[y], p, here, there, routed.success)
-                worth += meet * routed.toll
-        if worth > best:
-            best = worth
+                value += meet * routed.toll
+        if value > best:
+            best = value
             chosen[k] = y
 
 

@@ -43,7 +43,7 @@ LEARNED = "learned"
 FAILING = "failing"
 
 
-class LastWord(NamedTuple):
+class Verdict(NamedTuple):
     """The verdict on a team: one of the words above, and sentences for people."""
 
     kind: str
@@ -52,7 +52,7 @@ class LastWord(NamedTuple):
 
 def last_word(
     scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
-) -> LastWord:
+) -> Verdict:
     """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
@@ -71,7 +71,7 @@ def last_word(
         cure = "more steps"
         if not isinstance(learner, Factored):
             cure = "--learner factored or more steps"
-        return LastWord(
+        return Verdict(
             LOST,
             f"In {missed:.1%} of the trials some robot did not arrive. Try {cure}.",
         )
@@ -83,7 +83,7 @@ def last_word(
     remedy = _remedy(scenario, learner)
     error = math.hypot(found.returns.standard_error, ignoring.returns_error)
     if ignoring.returns - earned > slight + LOSS_ERRORS * error:
-        return LastWord(
+        return Verdict(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
             f"on shortest paths without asking {ignoring.returns:.2f}. {remedy}",
@@ -91,7 +91,7 @@ def last_word(
     [(name, best), *_] = yardsticks(scenario)
     gap = best - ignoring.returns
     if gap <= slight:
-        return LastWord(
+        return Verdict(
             NEEDLESS,
             f"Coordination is not needed here: robots that ignore each other earn "
             f"{ignoring.returns:.2f} each, the {name} {best:.2f}. A robot of this team earns "
@@ -99,7 +99,7 @@ def last_word(
         )
     own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.returns:.2f}"
     if not percepts_can_succeed(scenario):
-        return LastWord(IN_VAIN, f"{remedy} In this team {own}.")
+        return Verdict(IN_VAIN, f"{remedy} In this team {own}.")
     asks = found.asks.mean
     if not learner.asks or asks < RARE:
         why = f"a robot asks {asks:.2g} times an episode"
@@ -107,7 +107,7 @@ def last_word(
             why = f"the learner {learner.title or learner.label} cannot ask"
         if expected.kind in (WILL_NOT_PAY, AVOIDABLE):
             remedy = ""
-        return LastWord(
+        return Verdict(
             SILENT,
             f"The team does not coordinate by asking: {why}. In this team {own}, "
             f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
@@ -119,9 +119,9 @@ def last_word(
     )
     if gain >= ENOUGH * gap:
         text = f"The team learned to coordinate: {said} {expected.text}"
-        return LastWord(LEARNED, text)
+        return Verdict(LEARNED, text)
     text = f"The team hardly coordinates: {said} {expected.text} {remedy}"
-    return LastWord(FAILING, text)
+    return Verdict(FAILING, text)
 
 
 def _compared(

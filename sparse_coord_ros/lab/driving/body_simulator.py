@@ -28,7 +28,7 @@ TRACK = 1.6
 """Metres between the wheels, in radii of the body."""
 
 BIAS = 0.25
-"""How far wheels differ in size from what the odometry takes them for, in shares of the noise."""
+"""Difference of the wheels' size from the size in the odometry, as a share of the noise."""
 
 IN_DOORWAY = "doorway"
 ELSEWHERE = "elsewhere"
@@ -38,22 +38,22 @@ class Noise(NamedTuple):
     """Noise of bodies' motion and poses; standard deviations.
 
     Attributes:
-        wheels: of a wheel's speed in a tick, as a share of it; a quarter of it is each wheel's
-            own, for good: the odometry drifts.
-        pose: of a localised position, in metres; of its yaw, as many radians.
+        wheels: of a wheel's speed in a tick, as a share of it; a quarter of it is constant for
+            each wheel, so the odometry drifts.
+        pose: of a localised position, in metres; of its yaw, the same number of radians.
     """
 
     wheels: float = 0.1
     pose: float = 0.01
 
 
-class Touch(NamedTuple):
-    """Two bodies began to touch.
+class Collision(NamedTuple):
+    """The beginning of a collision of two bodies.
 
     Attributes:
-        seconds: when.
-        robots: which, from 0.
-        where: `IN_DOORWAY` where one of their middles is in a doorway, else `ELSEWHERE`.
+        seconds: its time.
+        robots: the two robots, from 0.
+        where: `IN_DOORWAY` if the centre of one body is in a doorway, else `ELSEWHERE`.
         place: (x, y) between them.
     """
 
@@ -68,12 +68,12 @@ class Body:
 
     Args:
         metric_map: the floor.
-        noise: how unsure it is.
+        noise: its noise.
         seed: the run's seed.
         robot: its number, from 0.
 
     Attributes:
-        pose: where it is.
+        pose: its true pose.
         odometry: its pose by the commands of its wheels since it was placed.
         command: its last command.
         bumps: number of times that it drove against a wall.
@@ -94,7 +94,7 @@ class Body:
         self.bumps = 0
 
     def put(self, x: float, y: float) -> None:
-        """Put the body somewhere, its nose as it was; its odometry begins there."""
+        """Put the body at a place, with its yaw unchanged; its odometry begins there."""
         self.pose = self.odometry = Pose(x, y, self.pose.yaw)
         self.command = STOP
 
@@ -126,7 +126,7 @@ class Body:
         self.pose = Pose(x, y, wanted.yaw)
 
     def seen(self) -> Pose:
-        """Return the pose as its localisation has it; each look draws anew."""
+        """Return the pose of its localisation; each call draws new noise."""
         dx, dy, turn = (self._noise.pose * self._sensors.standard_normal(3)).tolist()
         return Pose(self.pose.x + dx, self.pose.y + dy, self.pose.yaw + turn)
 
@@ -149,22 +149,21 @@ def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
 class BodySimulator:
     """The bodies of a team.
 
-    In step with the drivers, time passes by a tick with all goals, and then whenever each body
-    that is under way has been told what to do next; it stands still otherwise. So what happens
-    depends on the seed alone, not on how long the nodes take. Else time passes whenever `tick` is
-    called, as on a real floor.
+    In step with the drivers, time passes by a tick with all goals, and then each time that every
+    moving body has its next command; otherwise time stops. So the result depends only on the seed,
+    not on the nodes' speed. Not in step, time passes with each call of `tick`, as on a real floor.
 
     Args:
         metric_map: the floor.
-        count: how many there are.
+        count: number of bodies.
         seed: the run's seed.
-        noise: how unsure they are.
+        noise: their noise.
         period: seconds a tick.
 
     Attributes:
         bodies: one a robot.
-        ticks: how many have passed.
-        touches: where bodies began to touch each other.
+        ticks: number of ticks so far.
+        touches: the collisions of bodies.
     """
 
     def __init__(
@@ -174,7 +173,7 @@ class BodySimulator:
         self.period = period
         self.bodies = [Body(metric_map, noise, seed, k) for k in range(count)]
         self.ticks = self._number = 0
-        self.touches: list[Touch] = []
+        self.touches: list[Collision] = []
         self._under_way: set[int] = set()
         self._told: dict[int, Command] = {}
         self._touching: set[tuple[int, int]] = set()
@@ -196,11 +195,11 @@ class BodySimulator:
         self._touching = set(self._touching_now())
 
     def send(self, goals: Goals) -> bool:
-        """Take in the bodies' goals; return whether they are new, and time has passed."""
+        """Set the bodies' goals; return whether they are new, and time has passed."""
         if goals.number == self._number:
             return False
         self._number = goals.number
-        # After a restart of the simulator, drivers wait for poses newer than those they know.
+        # After a restart of the simulator, drivers wait for poses newer than those that they have.
         self.ticks = max(self.ticks, round((goals.since - BEGIN) / self.period))
         self._told.clear()
         self._under_way = set()
@@ -215,11 +214,11 @@ class BodySimulator:
 
     @property
     def waits_for(self) -> set[int]:
-        """The robots whose drivers are to command or report next; all while no body drives."""
+        """The robots whose commands or reports are awaited; all while no body drives."""
         return self._under_way - self._told.keys() or set(range(len(self.bodies)))
 
     def reached(self, robot: int, number: int) -> bool:
-        """Take in that a body has ended its goal; return whether time has passed."""
+        """Note the end of a body's goal; return whether time has passed."""
         if number != self._number or robot not in self._under_way:
             return False
         self._under_way.discard(robot)
@@ -228,7 +227,7 @@ class BodySimulator:
         return self._tick_when_told()
 
     def told(self, robot: int, command: Command) -> bool:
-        """Take in a body's command, in step; return whether time has passed.
+        """Set a body's command, in step; return whether time has passed.
 
         A stop is ignored: no body moves while no time passes.
         """
@@ -259,7 +258,7 @@ class BodySimulator:
             )
             where = IN_DOORWAY if inside else ELSEWHERE
             self.touches.append(
-                Touch(self.seconds, pair, where, ((x + x2) / 2, (y + y2) / 2))
+                Collision(self.seconds, pair, where, ((x + x2) / 2, (y + y2) / 2))
             )
         self._touching = now
 

@@ -7,17 +7,18 @@ import math
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import SLACK, GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
-from sparse_coord_ros.protocol.lockstep.bodies import Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals
 
 ASTRAY = 0.25
-"""Share of a cell that a body may be off the line to its next place before it goes back to it."""
+"""Largest distance of a body from the line to its next place, as a share of a cell; beyond it the
+body goes back to the line."""
 
 
 class Driver(Mover):
     """Steers one robot's body from cell to cell.
 
-    The body has arrived when it is near its place in the goal's cell. When time is over it stops,
-    and its present cell counts. After goals and poses, ask what is `next`.
+    The body has arrived when it is near its place in the goal's cell. At the time limit it stops,
+    and its current cell counts. Call `next` after goals and poses.
 
     Args:
         metric_map: the floor.
@@ -44,17 +45,17 @@ class Driver(Mover):
         super().begin_again()
         self._answered = math.nan
 
-    def next(self) -> tuple[Command | None, Reached | None]:
+    def next(self) -> tuple[Command | None, GoalReport | None]:
         """Return the command for the body now, and the end of its goal if it has ended.
 
-        None for both where there is nothing to do, or nothing new was seen since. Where the same
-        pose comes again and again, the last answer was lost, and is given again.
+        None for both if no work is due, or no new pose has come. If the same pose comes
+        repeatedly, the last command was lost, and is returned again.
         """
         state = self._goal_state()
         if self._goal is None:
             return None, self._ended if self._unheard else None
         if state is None or not self._newer(state):
-            return None, None  # a newer pose is to come
+            return None, None  # wait for a newer pose
         if state.goals.place:
             return None, self._placed(state)
         if state.stamp == self._answered and not self._unheard:
@@ -62,8 +63,8 @@ class Driver(Mover):
         self._answered = state.stamp
         return self._steered(state)
 
-    def _steered(self, state: GoalState) -> tuple[Command, Reached | None]:
-        """Steer to the next place of the way; stop where it ends, or when time is over."""
+    def _steered(self, state: GoalState) -> tuple[Command, GoalReport | None]:
+        """Steer to the next place of the way; stop at its end, or at the time limit."""
         if self._began is None:
             self._began = state.stamp
         self._way = way = self._way or self._find_way(state)
@@ -78,7 +79,7 @@ class Driver(Mover):
         return steer(pose, way[0], self._limits), None
 
     def _find_way(self, state: GoalState) -> list[tuple[float, float]]:
-        """Return the places to pass, the goal last: through free cells, wherever the body is."""
+        """Return the places to pass, the goal last: through free cells, from any place."""
         metric_map = self._metric_map
         robot = self._robot
         (_, goal, pose, _, target) = state

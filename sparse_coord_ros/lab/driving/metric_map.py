@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The floor that bodies drive on: cells and walls in metres."""
+"""The floor for driving bodies: cells and walls in metres."""
 
 import math
 from functools import cached_property
@@ -15,17 +15,17 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.wire.frame import Frame
 
 RADIUS_SHARE = 0.15
-"""A body's radius as a share of a cell, where none is given."""
+"""Default radius of a body, as a share of a cell."""
 
 LANE = 0.27
-"""Distance of a lane from the middle of its cell, in cells, where walls leave room for it."""
+"""Distance of a lane from the middle of its cell, in cells, if walls leave space for it."""
 
 QUADRANTS = ((1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0))
-"""Where robots 1 to 4 stand in a cell that several share: x, y as signs."""
+"""Places of robots 1 to 4 in a shared cell: signs of x, y."""
 
 
 class Pose(NamedTuple):
-    """Where a body is: metres in the frame `map`, radians counterclockwise from east."""
+    """The pose of a body: metres in the frame `map`, radians counterclockwise from east."""
 
     x: float
     y: float
@@ -35,10 +35,11 @@ class Pose(NamedTuple):
 class MetricMap:
     """A run's map in metres.
 
-    Free cells other than doorways may hold several robots; the grid says nothing of where in the
-    cell they stand. Each robot has a place of its own there, a lane off the middle, so that up to
-    four stand side by side and pass each other. Beside a wall, also one of the next cell along the
-    lane, it moves away from it, as far as the cell allows. In a doorway the place is the middle.
+    Free cells other than doorways may contain several robots; the grid does not give their places
+    in the cell. Each robot has a place of its own there, a lane off the middle, so that up to four
+    robots fit side by side and pass each other. Beside a wall, also one of the next cell along the
+    lane, the place is further from the wall, as far as the cell allows. In a doorway the place is
+    the middle.
 
     Args:
         run: the run.
@@ -80,7 +81,7 @@ class MetricMap:
 
     @cached_property
     def _lanes(self) -> list[list[float]]:
-        """How far from the middle of each cell a body may be: west, east, south, north."""
+        """Largest distance of a body from the middle of each cell: west, east, south, north."""
         lead = self.grid.next_cell
         clear = self.room - CLEAR * self.side
         lane = LANE * self.side
@@ -93,7 +94,7 @@ class MetricMap:
         ):
             walls = [side == itself for side in (low, high)]
             walls = [wall | wall[along[0]] | wall[along[1]] for wall in walls]
-            # Between two walls that are too near: in the middle.
+            # Between two walls that are too near, the place is the middle.
             most = np.where(walls[0] & walls[1], max(clear, 0.0), clear)
             least = np.where(walls[0], -most, -lane), np.where(walls[1], most, lane)
             bounds += [np.maximum(least[0], -lane), np.minimum(least[1], lane)]

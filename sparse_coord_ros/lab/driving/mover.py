@@ -11,27 +11,27 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
     NO_GOALS,
     BodyGoal,
+    GoalReport,
     Goals,
-    Reached,
 )
 
 SLACK = 1e-6
 """Seconds: stamps are whole nanoseconds."""
 
 BACK = 1.0
-"""Seconds that a pose may be older than the newest one; one that is older is of a new clock."""
+"""Seconds that a pose may be older than the newest one; an older one has a new clock."""
 
 BACKLOG = 20
-"""So many poses after a goal none can be from before it: no queue of poses holds more. Where they
-all are older than the goal by more than `BACK`, their clock is another one than the goal's."""
+"""After so many poses no pose can be from before a goal: no queue of poses is longer. If all of
+them are older than the goal by more than `BACK`, they have another clock than the goal."""
 
 REPEATS = 4
-"""After so many poses of the same time it is believed, even if newer ones were seen before: the
+"""After so many poses of the same time, the time is valid even if newer ones came before: the
 simulator was started again."""
 
 
 class GoalState(NamedTuple):
-    """The state of a goal, to judge it by.
+    """The state of a goal.
 
     Attributes:
         goals, goal: the goals of all bodies, and this body's.
@@ -49,8 +49,8 @@ class GoalState(NamedTuple):
 class Mover:
     """Moves one robot's body from cell to cell, in a way that subclasses define.
 
-    A body is in the free cell whose square its pose lies in; off the grid, in the nearest one
-    within a cell's side. Where it ends counts, whatever moved it: it has arrived, stayed or
+    A body is in the free cell whose square contains its pose; off the grid, in the nearest one
+    within a cell's side. Only its final cell counts, for any cause: it has arrived, stayed or
     drifted.
 
     Args:
@@ -58,8 +58,8 @@ class Mover:
         robot: the robot, from 0.
 
     Attributes:
-        pose: the newest pose; None: none has come.
-        heard: the time of the last pose that came, whatever it was; NaN: none has come.
+        pose: the newest pose; None: no pose has come.
+        heard: the time of the last pose, also of a rejected one; NaN: no pose has come.
     """
 
     def __init__(self, metric_map: MetricMap, robot: int) -> None:
@@ -68,7 +68,7 @@ class Mover:
         self._goals = NO_GOALS
         self._goal: BodyGoal | None = None
         self._began: float | None = None
-        self._ended: Reached | None = None
+        self._ended: GoalReport | None = None
         self._stamp = self.heard = math.nan
         self._repeats = 0
         self._since_goals = 0
@@ -82,11 +82,11 @@ class Mover:
 
     @property
     def _unheard(self) -> bool:
-        """True if the simulator of the body stands still, as if it had missed the last command."""
+        """True if the simulator of the body has stopped, as if it had missed the last command."""
         return self._repeats > 0 and self._repeats % REPEATS == 0
 
     def take(self, goals: Goals) -> bool:
-        """Take goals, and return whether they are new; those before them are given up."""
+        """Set the goals, and return whether they are new; they replace earlier ones."""
         if goals.number == self._goals.number:
             return False
         self._goals = goals
@@ -97,11 +97,11 @@ class Mover:
         return True
 
     def begin_again(self) -> None:
-        """Begin anew with the goal that there is: the body has been made to stand meanwhile."""
+        """Begin the current goal anew, after the body was stopped."""
         self._began = None
 
     def sees(self, seconds: float, pose: Pose) -> None:
-        """Take in a pose and its time, in seconds of any clock; it may be too old, or no place."""
+        """Note a pose and its time, in seconds of any clock; it may be too old, or invalid."""
         self._repeats = self._repeats + 1 if seconds == self.heard else 0
         self.heard = seconds
         late = 0.0 < self._stamp - seconds <= BACK and self._repeats < REPEATS
@@ -122,7 +122,7 @@ class Mover:
         return GoalState(self._goals, self._goal, self.pose, self._stamp, target)
 
     def _newer(self, state: GoalState) -> bool:
-        """Return whether the pose is newer than those that the goals knew of.
+        """Return whether the pose is newer than the goals' `since`.
 
         A goal may overtake poses that were published before it. So a pose that is much older than
         the goal does not show by itself that the clock of the poses began anew.
@@ -137,20 +137,20 @@ class Mover:
             self._other_clock = True
         return self._other_clock and older > BACK
 
-    def _placed(self, state: GoalState) -> Reached | None:
-        """Say that the body is where it was to be put; None while it is not."""
+    def _placed(self, state: GoalState) -> GoalReport | None:
+        """Return the report that the body is at its goal; None while it is not."""
         close = distance(state.pose, state.target) <= self._metric_map.side / 2
         there = close or self._metric_map.inside(
             state.goal.end, state.pose.x, state.pose.y
         )
         return self._end(state, there=True) if there else None
 
-    def _end(self, state: GoalState, *, there: bool) -> Reached:
+    def _end(self, state: GoalState, *, there: bool) -> GoalReport:
         cell = self._metric_map.cell(state.pose.x, state.pose.y)
         took = 0.0 if self._began is None else round(state.stamp - self._began, 9)
         where = NO_CELL if cell is None else cell
         self._goal = None
-        self._ended = Reached(
+        self._ended = GoalReport(
             self._robot, state.goals.number, where, there, took, state.stamp
         )
         return self._ended

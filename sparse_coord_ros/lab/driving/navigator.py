@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Moves as goals of a navigation server (Nav2), as a state machine; poses check its reports.
 
-Poses decide, not the server's results. A result is a reason to look: the cell of the next pose
-counts, whether the server speaks of success or not. Each goal that was sent is followed until the
-server says that it is over; a goal that is not wanted any more is cancelled first.
+Poses decide, not the server's results. After a result, the cell of the next pose counts, whether
+the server reports success or not. The navigator follows each sent goal until the server reports
+its end; it cancels a goal that is no longer needed first.
 """
 
 import math
@@ -15,28 +15,28 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import distance
-from sparse_coord_ros.protocol.lockstep.bodies import Reached
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport
 
 SETTLE_SECONDS = 1.0
-"""How long a newer pose is waited for: some localisations are silent where a body stands."""
+"""Longest wait for a newer pose: some localisations are silent while a body does not move."""
 
 BACKOFF_SECONDS = 0.25
 LONGEST_BACKOFF = 4.0
-"""Until a goal is sent again; twice as long after each time."""
+"""Longest time until a goal is sent again; the time doubles with each repeat."""
 
 ANSWER_SECONDS = 2.0
-"""How long the server's answer is waited for, to a goal and to its cancelling."""
+"""Longest wait for the server's answer to a goal, and to its cancelling."""
 
 
 class NavLimits(NamedTuple):
     """Limits of the requests to the server.
 
     Attributes:
-        near: metres from a place within which the body is there, whatever the server says.
-        seconds: a move may take.
+        near: metres from a place within which the body has arrived, with any result of the server.
+        seconds: longest time of a move.
         silence: seconds without feedback until a goal is given up; 0: for ever.
-        detour: metres left to go beyond which a move is given up; 0: any way is taken.
-        bring: whether the server also brings bodies to where an episode begins.
+        detour: remaining metres beyond which a move is given up; 0: no limit.
+        bring: whether the server also brings bodies to the cells where an episode begins.
     """
 
     near: float
@@ -56,10 +56,10 @@ class NavPort(Protocol):
         """Ask the server to end a goal that it has accepted."""
 
     def cancel_all(self) -> object:
-        """Ask the server to end whatever goals it has."""
+        """Ask the server to end all its goals."""
 
     def say(self, text: str) -> None:
-        """Tell people that something went wrong."""
+        """Log a problem."""
 
 
 @dataclass
@@ -68,10 +68,10 @@ class _Sent:
 
     Attributes:
         ticket: its number.
-        goals: the number of the goals that it belongs to.
-        since: when it was sent.
-        heard: when the server last spoke of it; None: it has not accepted it.
-        cancelled: when its end was asked for.
+        goals: the number of its goals.
+        since: the time of its sending.
+        heard: the time of the server's last message on it; None: it has not accepted it.
+        cancelled: the time of the request to cancel it.
     """
 
     ticket: int
@@ -84,8 +84,8 @@ class _Sent:
 class Navigator(Mover):
     """Sends one robot's body from cell to cell by a navigation server, one goal a cell.
 
-    All times `now` are seconds of one clock that does not go back. After each event, and every
-    now and then, ask what is `next`.
+    All times `now` are seconds of one monotonic clock. Call `next` after each event, and from time
+    to time.
 
     Args:
         metric_map: the floor.
@@ -94,8 +94,8 @@ class Navigator(Mover):
         port: the connection to the server.
 
     Attributes:
-        held: whether nothing may be driven.
-        counts: how moves ended, and why goals were given up.
+        held: whether driving is not allowed.
+        counts: numbers of moves by their ends, and of goals given up by their reasons.
     """
 
     def __init__(
@@ -124,9 +124,9 @@ class Navigator(Mover):
         self._blind = False
 
     def give_up(self, now: float, kind: str, why: str, *, blind: bool = False) -> None:
-        """Cancel the goal that is under way, and end the move where the body stands.
+        """Cancel the current goal, and end the move at the body's current place.
 
-        A body that is to be brought somewhere is sent again.
+        A body on its way to an episode's first cell is sent again.
 
         Args:
             now: the time.
@@ -146,7 +146,7 @@ class Navigator(Mover):
             self._over = now, self._stamp
 
     def accepted(self, ticket: int, now: float) -> None:
-        """Take in that the server has accepted a goal; one that is not wanted is cancelled."""
+        """The server has accepted a goal; cancel it if it is no longer needed."""
         sent = self._sent
         if sent is None or sent.ticket != ticket:
             self.counts["late acceptances"] += 1
@@ -158,7 +158,7 @@ class Navigator(Mover):
             self._port.cancel(ticket)
 
     def rejected(self, ticket: int, now: float) -> None:
-        """Take in that the server has rejected a goal: it is sent again, a little later."""
+        """The server has rejected a goal: send it again, a little later."""
         if self._sent is not None and self._sent.ticket == ticket:
             self._sent = None
             self.counts["rejected"] += 1
@@ -168,7 +168,7 @@ class Navigator(Mover):
             self._wait(now)
 
     def feedback(self, ticket: int, left: float, now: float) -> None:
-        """Take in that the server works at a goal, and how many metres are left."""
+        """The server works at a goal; `left`: the remaining metres."""
         sent = self._sent
         if sent is None or sent.ticket != ticket:
             return
@@ -178,10 +178,10 @@ class Navigator(Mover):
             self.give_up(now, "detours", why)
 
     def ended(self, ticket: int, now: float, kind: str, why: str) -> None:
-        """Take in that the server has ended a goal.
+        """The server has ended a goal.
 
         Args:
-            ticket: which.
+            ticket: the goal's ticket.
             now: the time.
             kind: the kind of end that is counted.
             why: the reason, for the log; empty: success.
@@ -203,12 +203,14 @@ class Navigator(Mover):
         else:
             self._over = now, self._stamp
 
-    def next(self, now: float) -> Reached | None:
-        """Do the work that is due; return the end of the goal if it has ended."""
+    def next(self, now: float) -> GoalReport | None:
+        """Do the due work; return the end of the goal if it has ended."""
         self._watch(now)
         self._take_new_goals(now)
         if self.held:
-            self._taken = now  # a move's time does not pass while nothing may be driven
+            self._taken = (
+                now  # a move's time does not pass while driving is not allowed
+            )
         busy_with_old = self._sent is not None and self._sent.goals != self._number
         if self.held or self._goal is None or busy_with_old:
             self._leave(now)
@@ -230,7 +232,7 @@ class Navigator(Mover):
         return None
 
     def _take_new_goals(self, now: float) -> None:
-        """Begin with the goals that were taken last, where they are new."""
+        """Begin with the last goals, if they are new."""
         if self._goals.number != self._number:
             self._number = self._goals.number
             self._taken = now
@@ -239,18 +241,18 @@ class Navigator(Mover):
             self._over = None
 
     def _believes(self, state: GoalState, now: float) -> bool:
-        """Return whether the pose can be judged by: it is newer than the goal, or long due."""
+        """Return whether the pose is valid for a decision: newer than the goal, or long due."""
         late = now - self._taken >= SETTLE_SECONDS
         return not self._blind and (late or self._newer(state))
 
     def _give_up_in_time(self, state: GoalState, now: float) -> None:
-        """Give a move up that has lasted too long."""
+        """Give up a move that has lasted too long."""
         limit = self._limits.seconds
         if not state.goals.place and now - self._taken >= limit:
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
 
-    def _arrives(self, state: GoalState) -> Reached | None:
+    def _arrives(self, state: GoalState) -> GoalReport | None:
         """Return the end of the goal if the body is there, regardless of the server; else None."""
         if state.goals.place:
             return self._placed(state)
@@ -259,12 +261,12 @@ class Navigator(Mover):
 
     def _settles(
         self, state: GoalState, since: float, before: float, now: float
-    ) -> Reached | None:
+    ) -> GoalReport | None:
         """Return the end of a move that is over, once the server and a newer pose confirm it.
 
         Args:
             state: the state of the goal.
-            since: when the move was over.
+            since: the time of the move's end.
             before: the newest pose's stamp then.
             now: the time.
         """
@@ -276,7 +278,7 @@ class Navigator(Mover):
         return self._end(state, there=there)
 
     def _send(self, state: GoalState, now: float) -> None:
-        """Send the goal where the server has none, unless it is to wait."""
+        """Send the goal if the server has none, unless a waiting time runs."""
         goals, _, pose, _, (x, y) = state
         if (
             self._sent is None
@@ -304,7 +306,7 @@ class Navigator(Mover):
         self._tries += 1
 
     def _watch(self, now: float) -> None:
-        """Look whether the server still speaks."""
+        """Check whether the server still answers."""
         sent = self._sent
         silence = self._limits.silence
         if sent is None:

@@ -8,17 +8,17 @@ from typing import NamedTuple
 from sparse_coord_ros.lab.driving.metric_map import Pose
 
 TURN_FIRST = 0.5
-"""Radians off the bearing from which the body turns on the spot; nearer, it drives faster."""
+"""Radians off the bearing beyond which the body turns on the spot; nearer, it drives faster."""
 
 TURN_GAIN = 3.0
 SPEED_GAIN = 3.0
-"""Per second: how fast an angle or a distance that is left is worked off."""
+"""Per second: speed for a remaining angle or distance, in proportion to it."""
 
 CRAWL = 0.1
-"""Least share of the speed with which the last bit of a way is driven."""
+"""Least share of the speed at the end of a way."""
 
 SPARE = 2.0
-"""How many times the time for half a turn and a cell a move may take, unless it is set."""
+"""Default time limit of a move, in times for half a turn and a cell."""
 
 
 class Limits(NamedTuple):
@@ -27,8 +27,8 @@ class Limits(NamedTuple):
     Attributes:
         speed: metres a second.
         turn: radians a second.
-        near: metres from a place within which the body is there.
-        seconds: a move may take, by the clock of the poses.
+        near: metres from a place within which the body has arrived.
+        seconds: longest time of a move, by the clock of the poses.
     """
 
     speed: float
@@ -48,7 +48,7 @@ STOP = Command(0.0, 0.0)
 
 
 SLOWING_SECONDS = 3.0
-"""What slowing down and the last bit of a way add."""
+"""Additional time for slowing down at the end of a way."""
 
 
 def move_seconds(side: float, speed: float, turn: float) -> float:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Transforms on the floor, as /tf and /tf_static say them: where one frame is in another."""
+"""Transforms on the floor, from /tf and /tf_static: the pose of one frame in another."""
 
 import math
 from typing import NamedTuple
@@ -8,11 +8,11 @@ from typing import NamedTuple
 from sparse_coord_ros.lab.driving.metric_map import Pose
 
 LONGEST_CHAIN = 100
-"""Most frames between two; a chain that is longer goes round in a circle."""
+"""Most frames between two; a longer chain is a circle."""
 
 
 class Seen(NamedTuple):
-    """A frame in its parent: where, and since when; a static one has no time."""
+    """A frame's pose in its parent, and the pose's time; a static one has no time."""
 
     parent: str
     pose: Pose
@@ -28,7 +28,7 @@ class Tree:
     """The newest transforms.
 
     Attributes:
-        way: the frames on the way that was last asked for.
+        way: the frames on the way of the last call of `find`.
     """
 
     def __init__(self) -> None:
@@ -36,14 +36,14 @@ class Tree:
         self._frames: dict[str, Seen] = {}
 
     def hear(self, parent: str, child: str, pose: Pose, seconds: float | None) -> None:
-        """Take in a transform; `seconds` None: a static one. Names may begin with a slash."""
+        """Note a transform; `seconds` None: a static one. Names may begin with a slash."""
         self._frames[child.lstrip("/")] = Seen(parent.lstrip("/"), pose, seconds)
 
     def find(self, parent: str, child: str) -> tuple[float, Pose] | None:
         """Return (seconds, pose of `child` in `parent`) by the newest transforms.
 
-        The time is the newest one on the way: that of the odometry, which comes more often than a
-        localisation corrects it. None: no chain of transforms, or only a static one.
+        The time is the newest one on the way: that of the odometry, which is more frequent than
+        the corrections of a localisation. None: no chain of transforms, or only a static one.
         """
         parent = parent.lstrip("/")
         frame = child.lstrip("/")
@@ -72,7 +72,7 @@ def parent_of(pose: Pose, here: Pose) -> Pose:
 
 
 def _within(frame: Pose, pose: Pose) -> Pose:
-    """Return a pose of a frame as one of the frame's parent."""
+    """Return a pose in a frame as a pose in the frame's parent."""
     cos = math.cos(frame.yaw)
     sin = math.sin(frame.yaw)
     x = frame.x + cos * pose.x - sin * pose.y

@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learned teams driven through the simulator of bodies, without ROS: episodes to count in.
+"""Learned teams driven through the simulator of bodies, without ROS, for counts of episodes.
 
-World, drivers and bodies are the same state machines that the nodes are made of, in step.
+World, drivers and bodies are the same state machines as in the nodes, in step.
 """
 
 import math
@@ -32,14 +32,14 @@ from sparse_coord_ros.protocol.lockstep.bodies import BodiesSide, BodyWorld, Goa
 _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
 DRIVER_SETTINGS = _TABLES["driver"]
 BODY_SETTINGS = _TABLES["body"]
-"""What a driver is told of its robot's body, and what the simulator of bodies is told."""
+"""Settings of a driver for its robot's body, and of the simulator of bodies."""
 
 NAV2_SETTINGS = _TABLES["nav2_driver"]
-"""What a driver is told that leaves the steering to Nav2."""
+"""Settings of a driver that leaves the steering to Nav2."""
 
 _ALL = {**DRIVER_SETTINGS, **BODY_SETTINGS, "slips": RUN_SETTINGS["slips"]}
 DRIVE_SETTINGS = SettingTable(_ALL.values())
-"""All that `drive` is told of bodies."""
+"""All settings of `drive` for bodies."""
 
 
 def limits_of(values: dict, side: float) -> Limits:
@@ -65,7 +65,7 @@ def simulator_of(run: RunConfig, values: dict, seed: int) -> BodySimulator:
 
 
 class Moment(NamedTuple):
-    """Where all bodies are at a time.
+    """The places of all bodies at a time.
 
     Attributes:
         episode: number of the episode, from 0.

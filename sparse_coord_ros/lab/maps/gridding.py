@@ -55,13 +55,13 @@ class Gridding(NamedTuple):
 
 @dataclass(frozen=True)
 class Space:
-    """Where a robot's centre may be.
+    """The space for a robot's centre.
 
     Attributes:
         walls: occupied pixels, without specks.
         blocked: pixels too near to a wall or to unknown space.
         parts: number of the connected part of each pixel that is not blocked; 0: blocked.
-        past_blocked, past_walls: how many such pixels come before each, along rows and columns.
+        past_blocked, past_walls: number of such pixels before each, along rows and columns.
     """
 
     walls: np.ndarray
@@ -77,7 +77,8 @@ def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
     Args:
         plan: the floor plan.
         radius: the robot's, in metres.
-        speck: occupied and unknown spots that are smaller both ways are taken for free, in metres.
+        speck: occupied and unknown spots that are smaller in both directions count as free, in
+            metres.
     """
     pixels = int(round(speck / plan.resolution))
     walls = without_specks(plan.occupied, pixels)
@@ -178,7 +179,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
     _close(free, [past[at] for past in space.past_blocked])
     labels, count = ndimage.label(free)
     sizes = np.bincount(labels[free], minlength=count + 1)
-    # Of each part of the space its largest part in the grid is kept; all others are cut off.
+    # For each part of the space its largest part in the grid is kept; all others are cut off.
     kept = np.zeros(parts.max(initial=0) + 1, dtype=np.int64)
     which = np.zeros(count + 1, dtype=np.int64)
     which[labels[free]] = parts[free]
@@ -192,9 +193,9 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
 
 
 def _close(free: np.ndarray, past: list[np.ndarray]) -> None:
-    """From each pair of neighbours without a drivable way between, close the less useful cell.
+    """Of each pair of neighbours without a drivable way between, close the less useful cell.
 
-    That is the one with more such pairs, or else with fewer free neighbours.
+    This is the cell with more such pairs, or else with fewer free neighbours.
     """
     while True:
         apart = [
@@ -226,7 +227,7 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
     """Return the doorways of a grid, numbered from 1; 0 elsewhere; shape (rows, columns), int64.
 
     A doorway is a run of at most `longest` free cells, one after the other, that each have walls
-    on two opposite sides, and that lead on at both ends: to `CRUMB` cells or more. Longer runs are
+    on two opposite sides, and that lead to `CRUMB` cells or more at both ends. Longer runs are
     corridors.
     """
     doors = np.zeros(free.shape, dtype=np.int64)
@@ -255,7 +256,7 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
 def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
     """Return a cell of each passage that would be a doorway if it were not two cells wide.
 
-    Arguments as of `across`.
+    Arguments as in `across`.
     """
     padded = np.pad(free, 2)
     inner = padded[2:-2, 2:-2]
@@ -287,8 +288,8 @@ def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> 
 
     Args:
         free: the grid's free cells, shape (rows, columns), bool.
-        row: that of the run.
-        column: the one beside the run.
+        row: the run's row.
+        column: the column beside the run.
         run: its first column, and the one behind it.
     """
     top = max(0, row - CRUMB)

@@ -29,7 +29,7 @@ from sparse_coord_ros.core.game.grid import (
 from sparse_coord_ros.core.game.settings import Setting, SettingTable
 
 IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
-"""What the names of images end with, as map_server's maps are."""
+"""The ends of the names of images of map_server's maps."""
 
 LONGEST_SIDE = 65_535
 """Pixels along a side: counts along a row are 16-bit numbers."""
@@ -48,17 +48,17 @@ FIELDS = SettingTable(
         ),
     ]
 )
-"""The fields of the YAML file with map_server's defaults; what has none must be there."""
+"""The fields of the YAML file with map_server's defaults; fields without one are required."""
 
 UNKNOWN_GREY = 205
-"""What map_saver writes for unknown; by Jazzy's own free_thresh of 0.25 that is read as free."""
+"""The grey that map_saver writes for unknown; Jazzy's own free_thresh of 0.25 makes it free."""
 
 LEVEL = 1e-6
 """Largest yaw of an origin that counts as none, in radians."""
 
 
 SHARPEST = 4096
-"""Pixels along the longer side of a picture into which one can zoom."""
+"""Pixels along the longer side of a picture with zoom."""
 
 UNKNOWN_SHADE = 200
 FREE_SHADE = 255
@@ -76,7 +76,7 @@ class FloorPlan:
         occupied: pixels known to be occupied; all other pixels are unknown.
         resolution: metres per pixel.
         origin: (x, y) of the image's lower left corner, in metres.
-        doubtful: share of the free pixels that have the grey by which map_saver means unknown.
+        doubtful: share of the free pixels with the grey that map_saver writes for unknown.
     """
 
     path: Path
@@ -96,8 +96,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
     """Read a map as map_server does: image, resolution, origin, negate, thresholds, mode.
 
     A pixel's probability of being occupied is (255 - value) / 255, or value / 255 with `negate`.
-    Colours count by their mean. Pixels that are not opaque are unknown; so is what lies between
-    the thresholds.
+    Colours count by their mean. Pixels that are not opaque are unknown; so are values between the
+    thresholds.
 
     Args:
         path: the YAML file; the image's path in it counts from its folder.
@@ -128,7 +128,7 @@ def is_picture(path: Path) -> bool:
 
 
 def _yaml_wanted(image: Path) -> str:
-    """Return that an image needs its YAML file, and what to write in one."""
+    """Return a text: an image needs its YAML file, with this content."""
     beside = image.with_suffix(".yaml")
     if beside.exists():
         return f"{image}: is an image; give the YAML file that belongs to it: {beside}"
@@ -170,7 +170,7 @@ def write_header(plan: FloorPlan, image: str) -> None:
 
     Args:
         plan: the floor plan.
-        image: the name of its image, which lies beside the YAML file.
+        image: the name of its image, in the same folder as the YAML file.
     """
     fields = {name: one.default for name, one in FIELDS.items()}
     fields |= {"image": image, "resolution": plan.resolution}
@@ -213,7 +213,7 @@ def _floor_plan(
 
 
 def floor_plan_of(grid: GridMap) -> FloorPlan | None:
-    """Return the floor plan that a map was made of; None if it is missing."""
+    """Return a map's floor plan; None if it is missing."""
     if grid.resolution is None or not os.path.isfile(grid.source):
         return None
     with suppress(MapError):
@@ -236,7 +236,7 @@ def _origin(value: object, what: str) -> tuple[float, float]:
 
 
 def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return an image's values from 0 to 255, float32, and which pixels are opaque."""
+    """Return an image's values from 0 to 255, float32, and whether each pixel is opaque."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -265,7 +265,7 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         Exception
     ) as error:  # Pillow's decoders raise any exception for a broken file
         problem = " ".join(str(error).split())[:200]
-        if isinstance(error, UnidentifiedImageError):  # which names Python's object
+        if isinstance(error, UnidentifiedImageError):  # its text names a Python object
             problem = "its format is unknown"
         why = f"cannot be read as an image ({problem}); save it anew as PGM or PNG"
         raise MapError(f"{path}: {why}") from None
@@ -296,11 +296,11 @@ def write_floor_plan(
     pixels: int,
     image: str,
 ) -> tuple[Path, Path]:
-    """Write a map as map_server reads it; doorways are free.
+    """Write a map in map_server's form; doorways are free.
 
     Args:
         grid: the map.
-        directory: where to; it must exist.
+        directory: the output directory; it must exist.
         name: the files' stem.
         resolution: metres a cell.
         pixels: pixels along the side of a cell.

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a team on an imported map has anything to coordinate, and where a doorway would help."""
+"""The need of coordination on an imported map, and a doorway that would create it."""
 
 import dataclasses
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from sparse_coord_ros.core.game.grid import DOORWAY, GridMap
 from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.advice import (
-    LEAST_WORTH,
+    LEAST_RELATIVE_GAIN,
     Advice,
     advice,
     in_questions,
@@ -24,7 +24,7 @@ class Doorway(NamedTuple):
 
     Attributes:
         cell: its number.
-        lost: what a robot that ignores the others would lose with it, in questions.
+        lost: the loss of a robot that ignores the others with this doorway, in questions.
     """
 
     cell: int
@@ -36,9 +36,9 @@ class Prospect(NamedTuple):
 
     Attributes:
         advice: whether coordination will pay.
-        note: why there is nothing to coordinate, and what to change; empty: there is something.
-        doorway: (x, y) of a cell, in metres, which would give the team something to coordinate if
-            it were a doorway; None: no such cell is known, or none is needed.
+        note: the reason why coordination is not needed, and a remedy; empty: it is needed.
+        doorway: (x, y) of a cell, in metres, which as a doorway would make coordination necessary;
+            None: no such cell is known or needed.
     """
 
     advice: Advice
@@ -49,7 +49,7 @@ class Prospect(NamedTuple):
 def prospect_of(scenario: Scenario) -> Prospect:
     """Return what coordination will bring to a team; its map has a place in metres."""
     expected = advice(scenario)
-    if len(scenario.robots) == 1 or expected.ratio >= LEAST_WORTH:
+    if len(scenario.robots) == 1 or expected.ratio >= LEAST_RELATIVE_GAIN:
         return Prospect(expected, "", None)
     note = (
         "nothing to coordinate: shortest paths rarely meet "
@@ -61,7 +61,7 @@ def prospect_of(scenario: Scenario) -> Prospect:
         return Prospect(expected, note, None)
     x, y = centre_of(scenario.map, found.cell)
     place = f"a doorway at {x:.2f},{y:.2f}, where they meet most often,"
-    if found.lost < LEAST_WORTH:
+    if found.lost < LEAST_RELATIVE_GAIN:
         note += (
             f"even {place} would cost less than a question: choose starts and goals whose "
             "ways cross"

@@ -3,7 +3,7 @@
 """Corridors of a grid that are one cell wide, in which two robots cannot pass each other.
 
 `together` counts robots that end a step in one doorway. In a corridor two robots also face each
-other, and would have to exchange their cells. `swap+block` knows that, where the corridor's cells
+other, and would have to exchange their cells. `swap+block` covers this, if the corridor's cells
 are doorways.
 """
 
@@ -11,10 +11,10 @@ import numpy as np
 from scipy import ndimage
 
 IN_CORRIDORS = "swap+block"
-"""The interactions that fit a map with such a corridor, whose cells are doorways then."""
+"""The interactions for a map with such a corridor, whose cells then are doorways."""
 
 IN_DOORWAYS = "together"
-"""Those that fit a map without one."""
+"""The interactions for a map without one."""
 
 SHORTEST_CORRIDOR = 2
 """Cells: in one cell robots are together, in two they also face each other."""
@@ -47,7 +47,7 @@ def _covered_by_squares(free: np.ndarray) -> np.ndarray:
 
 
 def _without_dead_ends(free: np.ndarray, narrow: np.ndarray) -> np.ndarray:
-    """Return the narrow cells without those that lead nowhere."""
+    """Return the narrow cells without dead ends."""
     open_cells = free.copy()
     while True:
         padded = np.pad(open_cells, 1).astype(np.int8)

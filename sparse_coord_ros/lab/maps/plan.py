@@ -22,23 +22,23 @@ Place = tuple[float, float]
 """(x, y) in metres, in the map's frame."""
 
 WALL_THICKNESS = 0.3
-"""Metres of wall that a doorway leads through, unless one says so."""
+"""Default thickness of a wall with a doorway, in metres."""
 
 SHOWN = 6
-"""Most places that a note names."""
+"""Most places in a note."""
 
 FURTHEST_SHARE = 0.3
 """The value of arriving at the furthest start, as a share of its value at the goal."""
 
 LONG_WAYS = "floored:0.5:0.8:0.01"
-"""Step sizes where the budget is short for the ways: moves that succeed are always the same."""
+"""Step sizes for budgets that are short for the ways: successful moves are always the same."""
 
 SHORTEST_BUDGET = 20
-"""So many times shorter than wanted a budget may be, with these step sizes: seen with 17 (9,173
-cells, 10 million steps), not with 23 (11,115 cells)."""
+"""With these step sizes a budget may be so many times too short: it sufficed with 17 (9,173 cells,
+10 million steps), not with 23 (11,115 cells)."""
 
 STEPS = 20_000
-"""The budget, at least: enough on nav2's warehouse (4,826 cells) where the map is known."""
+"""The least budget: enough on nav2's warehouse (4,826 cells) with a known map."""
 
 FIRST_GUESS = 0.1
 """Q* at first, as a share of the goal's value: that of the default settings."""
@@ -50,10 +50,10 @@ class Imported:
 
     Attributes:
         grid: the map.
-        parts: cells of each part of the free space, largest first; those without a robot are left
-            out of the map where there are robots.
+        parts: number of cells of each part of the free space, largest first; if there are robots,
+            parts without one are not in the map.
         corridors: (x, y) in each corridor that is one cell wide, in metres; longest first.
-        narrow_cells: how many cells these corridors have.
+        narrow_cells: number of cells of these corridors.
         notes: warnings, one line each.
     """
 
@@ -83,8 +83,8 @@ def import_map(
         cell: the side of a cell, in metres.
         radius: the robot's, in metres.
         robots: start and goal of each; parts of the map without any of them become walls.
-        doorway: places in cells that are to be doorways.
-        no_doorway: places whose doorways are to become plain cells.
+        doorway: places in cells that become doorways.
+        no_doorway: places of doorways that become plain cells.
         corridors: whether the cells of corridors that are one cell wide are doorways too.
         doorway_length: most metres through a doorway; a longer passage is a corridor. None: of
             a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
@@ -174,7 +174,7 @@ def import_map(
 
 
 def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
-    """Return the middle cell of each corridor, in metres; those with most cells first."""
+    """Return the middle cell of each corridor, in metres; longest corridors first."""
     corridors = [
         np.argwhere(narrow == number) for number in range(1, int(narrow.max()) + 1)
     ]
@@ -217,7 +217,7 @@ def _layout_of(
 def _doorways(
     frame: "_Frame", found: np.ndarray, add: Sequence[Place], remove: Sequence[Place]
 ) -> np.ndarray:
-    """Return the doorways found, shape (rows, columns), with those that the user wants."""
+    """Return the found doorways, shape (rows, columns), with the user's changes."""
     doors = found.copy()
     for place in remove:
         number = doors[frame.cell(place, "no doorway")]
@@ -329,7 +329,7 @@ def centre_of(grid: GridMap, cell: int) -> Place:
 def _robot_cells(
     frame: _Frame, robots: Sequence[tuple[Place, Place]]
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Return the cells of each robot's start and goal; MapError where one is not free."""
+    """Return the cells of each robot's start and goal; MapError if one is not free."""
     return [
         (
             frame.cell(start, f"start of robot_{k}"),
@@ -346,7 +346,7 @@ def _metres(place: Place) -> str:
 def suggested_settings(
     grid: GridMap, pairs: Sequence[tuple[int, int]], given: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return settings that fit a map's distances, where the defaults would not.
+    """Return settings for a map's distances, if the defaults do not fit.
 
     A robot needs d / p steps for d cells, p being the probability that a move succeeds. The
     horizon lies four standard deviations above; episodes of learning are one and a half times the
@@ -384,9 +384,9 @@ def _learning_ways(value: float, needed: float) -> dict[str, Any]:
     """Return settings by which robots learn the ways to their goals, too.
 
     Args:
-        value: of the goal.
-        needed: steps, of the robot that needs most. Where that is more than there may be, larger
-            step sizes bring values over the long way in time.
+        value: the goal's value.
+        needed: steps of the robot that needs most. If they exceed the largest budget, larger step
+            sizes bring values over the long way in time.
     """
     most = SETTINGS["steps"].high
     found: dict[str, Any] = {
@@ -400,7 +400,7 @@ def _learning_ways(value: float, needed: float) -> dict[str, Any]:
 
 
 def steps_for(way: np.ndarray, p: float) -> float:
-    """Return steps in which each cell's every move is tried some times over, on the way to a goal.
+    """Return the steps in which each move of each cell on the way is tried several times.
 
     Args:
         way: moves from each cell to the goal, -1 without a way.

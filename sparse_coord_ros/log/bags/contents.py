@@ -46,17 +46,17 @@ from sparse_coord_ros.log.bags.records import (
 from sparse_coord_ros.log.bags.topics import BagTopic, topic_of
 
 OWN_LIBRARY = "sparse_coord_ros "
-"""How the header of a file by `BagWriter` begins: in these every checksum is there."""
+"""Beginning of the header of a file by `BagWriter`: such files have every checksum."""
 
 CUT_OFF = "the file ends here, without an end: it was cut off"
 SEARCHED = 1 << 24
-"""Bytes of records that a search tries at most, beside the file's size."""
+"""Most bytes of records that a search tries, in addition to the file's size."""
 SEARCH = 1 << 12
 TRIED = 1 << 11
-"""The cost of a search, and of each place in it where a record may begin, in such bytes."""
+"""The cost of a search, and of each of its places where a record may begin, in such bytes."""
 
 TOGETHER = 1 << 20
-"""Bytes that are looked at in one go."""
+"""Bytes that are read at once."""
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
@@ -68,11 +68,11 @@ _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
 
 
 class Part(NamedTuple):
-    """Messages that lie together in a file.
+    """Messages that are together in a file.
 
     Attributes:
-        content: bytes in which their data are.
-        begins: where in it each one's data begin, shape (messages,).
+        content: bytes that contain their data.
+        begins: offset of each one's data in it, shape (messages,).
         heads: their heads, of type `records.MESSAGE_HEAD`, same shape.
     """
 
@@ -85,9 +85,9 @@ class Block(NamedTuple):
     """A chunk with messages, or a message outside of chunks.
 
     Attributes:
-        offset: where it begins in the file.
-        length: its bytes.
-        size: those of its records, decompressed.
+        offset: its offset in the file.
+        length: its size in bytes.
+        size: the size of its records, decompressed.
         start_ns, end_ns: earliest and latest log time of its messages.
     """
 
@@ -106,8 +106,8 @@ class Attachment:
         name: its name.
         media_type: its media type.
         log_time_ns: the log time at which it was attached.
-        size: its bytes.
-        offset: where they begin in the bag's file.
+        size: its size in bytes.
+        offset: its offset in the bag's file.
         file: that file.
     """
 
@@ -127,12 +127,13 @@ class Attachment:
 class BagFile:
     """The content of one MCAP file.
 
-    A file that is not checked is only walked through, record by record: milliseconds for a bag of
-    a million steps. The content of a chunk is checked when it is read. The file stays open, so
-    that it may be renamed or removed meanwhile, and `extend` reads on when it has grown.
+    In a file that is not checked, only the heads of records are read, one after the other:
+    milliseconds for a bag of a million steps. The content of a chunk is checked when it is read.
+    The file stays open, so that it may be renamed or removed meanwhile, and `extend` continues
+    when it has grown.
 
-    After damage, a bad record is stepped over by its length if another record follows it.
-    Otherwise the next record is searched that is whole and right: its kind, length and checksum,
+    After damage, a bad record is skipped by its length if another record follows it.
+    Otherwise the next valid record is searched: with the right kind, length and checksum,
     and the record after it. The end of a file that is not checked may be a record that is being
     written: that is no gap.
 
@@ -142,18 +143,18 @@ class BagFile:
 
     Attributes:
         path: the file.
-        finished: whether its recorder closed it: its end is there.
-        size: its bytes.
-        readable_bytes: how far it was looked through: where the data end.
+        finished: whether its recorder closed it: the file has its end.
+        size: its size in bytes.
+        readable_bytes: the end of its readable data.
         topics: by channel.
         counts, sizes: number of messages, and bytes of their data, by topic; if checked.
         metadata: name and texts of each metadata record, in the order of the file.
         attachments: in the order of the file.
-        blocks: where the messages are, in the order of the file.
+        blocks: the places of the messages, in the order of the file.
         compressions: of the chunks that were read: some of `zstd`, `lz4` and `none`.
 
     Raises:
-        BagError: the file is missing, does not begin as MCAP, or holds messages that are not of
+        BagError: the file is missing, does not begin as MCAP, or contains messages that are not of
             ROS 2.
     """
 
@@ -175,9 +176,11 @@ class BagFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._known = np.zeros(1 << 16, dtype=bool)
-        # A writer of one checksum writes all, so that a zeroed one does not pass for none.
+        # A writer of one checksum writes all. So a zeroed checksum is damage, not an absent one.
         self._own = self._crcs = self._altered = False
-        self._end: tuple[RecordPlace, int] | None = None  # and the checksum of the data
+        self._end: tuple[RecordPlace, int] | None = (
+            None  # with the checksum of the data
+        )
         self._tried = self._contents = 0
         self._source = Source(path)
         with retold(BagError, BagError, f"{path}"):
@@ -194,7 +197,7 @@ class BagFile:
 
     @property
     def gaps(self) -> list[Gap]:
-        """The gaps that are known so far; first those that `recover` has left out."""
+        """The gaps that are known so far, beginning with those that `recover` has left out."""
         found = []
         if self.recovered is not None:
             found += from_note(self.recovered.get("gaps", ""))
@@ -236,7 +239,7 @@ class BagFile:
         return dict(reversed(self.metadata)).get(CONTINUED_RECORD)
 
     def extend(self) -> bool:
-        """Read on to the present end of the file; return whether there was anything new."""
+        """Read on to the current end of the file; return whether it has new records."""
         before = self.readable_bytes
         size = self._source.size
         if size == self.size:
@@ -249,7 +252,7 @@ class BagFile:
         return self.readable_bytes != before
 
     def _step(self) -> bool:
-        """Take the next record, or note a damaged part; return False at a record being written."""
+        """Read the next record, or note a damaged part; return False at a record being written."""
         begin = self.readable_bytes
         try:
             record = self._source.record(begin, self.size)
@@ -264,7 +267,7 @@ class BagFile:
         else:
             stop = begin
             end = record.end
-        # The end of the data is not part of them.
+        # The record that ends the data is not part of them.
         self.readable_bytes = end if self._end is None else stop
         return True
 
@@ -273,14 +276,14 @@ class BagFile:
         self._source.close()
 
     def read(self, offset: int, length: int) -> bytes:
-        """Return bytes of the file; raises BagError if they are not there any more."""
+        """Return bytes of the file; raises BagError if they no longer exist."""
         try:
             return self._source.read(offset, length)
         except Damage as damage:
             raise self._changed(damage) from damage
 
     def parts(self, blocks: Sequence[Block]) -> Iterator[Part]:
-        """Yield the messages of blocks, those of small ones together.
+        """Yield the messages of blocks; small blocks together.
 
         In a file that is not checked, unreadable messages are left out and noted as gaps.
 
@@ -311,7 +314,7 @@ class BagFile:
         return BagError(f"{self.path} has changed while it was read: {damage}")
 
     def _lose(self, begin: int, end: int, why: str) -> None:
-        """Note that bytes cannot be read; neighbouring gaps become one."""
+        """Note unreadable bytes; neighbouring gaps become one."""
         lost = self._lost
         blocks = self.blocks
         if not lost and self.finished:
@@ -331,10 +334,9 @@ class BagFile:
         lost.insert(at, (begin, end, why))
 
     def _after_damage(self, begin: int) -> tuple[int, int] | None:
-        """Return the end of a damaged part, and where reading goes on; None: no record follows.
+        """Return the end of a damaged part, and the offset of the next record; None: none follows.
 
-        A bad record of the right length is stepped over. Otherwise the next whole record is
-        searched.
+        A bad record of the right length is skipped. Otherwise the next whole record is searched.
         """
         self._tried += TRIED
         with suppress(Damage):
@@ -343,12 +345,12 @@ class BagFile:
             if fits and self._tried < SEARCHED + self.size:
                 return record.end, record.end
             if record.opcode == Opcode.CHUNK:
-                self._block(record)  # raises Damage where its fields do not fit into it
-                return None  # a chunk that the end of the file cuts off
+                self._block(record)  # raises Damage if its fields do not fit into it
+                return None  # the end of the file cuts this chunk off
         return self._next_whole_record(begin + 1)
 
     def _next_whole_record(self, begin: int) -> tuple[int, int] | None:
-        """Take the next whole, valid record; return its place and its end.
+        """Read the next whole, valid record; return its place and its end.
 
         Returns:
             None if no such record follows, or if a forged file makes the search too long.
@@ -422,7 +424,7 @@ class BagFile:
         )
 
     def _take(self, record: RecordPlace) -> None:
-        """Take one record, whole or not at all; raises Damage."""
+        """Read one record, completely or not at all; raises Damage."""
         if not self._belongs(record):
             raise Damage(
                 record.offset, f"{describe(record.opcode)}, which is not allowed there"
@@ -470,17 +472,17 @@ class BagFile:
 
     def _take_chunk(self, record: RecordPlace) -> None:
         block, crc = self._block(record)
-        self._contents += min(block.size, CHUNK.bytes)  # more is damage, or refused
+        self._contents += min(block.size, CHUNK.bytes)  # more is damage, and is refused
         if self._contents > CHUNKS.bytes + CHUNKS.elements * self.size:
             problem = f"a chunk of {block.size} bytes after too many for this file"
             raise Damage(record.offset, problem)
-        # A recorder tells of its topics before the first message, and of the run at time 0.
+        # A recorder writes its topics before the first message, and the run at time 0.
         early = not (self.topics and block.end_ns)
         if (block.size or crc) and not (early and not len(self._part([block]).heads)):
             self.blocks.append(block)
 
     def _take_bare(self, record: RecordPlace) -> None:
-        """Take a message outside of chunks, or what defines a channel."""
+        """Read a message outside of chunks, or the definition of a channel."""
         data = self._source.read(record.offset, HEAD.size + record.length)
         heads = self._understand(data, np.zeros(1, dtype=int), record.offset).heads
         for log_ns in heads["log_ns"].tolist():
@@ -562,7 +564,7 @@ class BagFile:
             raise Damage(self.size, "the file does not end with MCAP's magic bytes")
 
     def _define(self, opcode: int, body: bytes, offset: int) -> None:
-        """Take in a schema or a channel; raises Damage where it contradicts an earlier one."""
+        """Register a schema or a channel; raises Damage if it contradicts an earlier one."""
         if opcode == Opcode.SCHEMA:
             schema = parse(Schema, body, offset)
             if self._schemas.setdefault(schema.id, schema) != schema:
@@ -583,7 +585,7 @@ class BagFile:
             self._known[channel.id] = True
 
     def _understand(self, content: bytes, starts: np.ndarray, offset: int) -> Part:
-        """Return the messages among records, and take in the channels that these define."""
+        """Return the messages among records, and register the channels that the records define."""
         places, heads, others = message_heads(content, starts, offset)
         if (
             len(heads)

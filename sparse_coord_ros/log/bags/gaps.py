@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Gaps of a bag: parts that cannot be read, in words and as a note in a recovered bag."""
+"""Gaps of a bag: unreadable parts, in words and as a note in a recovered bag."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -10,24 +10,25 @@ from sparse_coord_ros.base.limits import METADATA
 from sparse_coord_ros.log.bags.records import LATEST_NS
 
 SHOWN = 20
-"""Gaps that are told one by one."""
+"""Most gaps that are listed one by one."""
 
 
 class Gap(NamedTuple):
-    """A part of a bag that cannot be read. Everything outside of the gaps is read.
+    """An unreadable part of a bag. Everything outside of the gaps is read.
 
     The lost messages were logged between the neighbours of the gap. As a message may come late,
     their time steps may lie a few steps outside of these times.
 
     Attributes:
-        begin, end: its bytes in the file, without `end`. They are equal where the number of lost
+        begin, end: its bytes in the file, without `end`. They are equal if the number of lost
             bytes is unknown: the file was cut off, or is missing (then both are 0).
         why: the reason, one sentence.
         first_ns: the latest log time before the gap; None: no message.
         last_ns: the earliest log time after the gap; None: no message.
         file: name of the damaged or missing file.
         place: the number of that file in `Bag.files`; of a missing one, of the file after it.
-        recovered: whether `recover` has already left it out: its bytes are those of the original.
+        recovered: whether `recover` has already left it out: `begin` and `end` are those of the
+            original.
     """
 
     begin: int
@@ -58,7 +59,7 @@ class Gap(NamedTuple):
 
 
 def gap_lines(gaps: Sequence[Gap]) -> list[str]:
-    """Return gaps in words, one a line; only the number of those after the first ones."""
+    """Return gaps in words, one a line; after the first ones only the number of further gaps."""
     more = len(gaps) - SHOWN
     lines = [f"lost: {gap.text}" for gap in gaps[:SHOWN]]
     return [*lines, f"and {more} more gaps (all: info --json)"] if more > 0 else lines

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag: new, unbuffered, locked while they grow, every failure a `BagError`."""
+"""The files of a bag: new, unbuffered, locked while they grow; every failure is a `BagError`."""
 
 import contextlib
 import errno
@@ -27,14 +27,14 @@ failing = partial(retold, BagError, OSError)
 class OutputFile:
     """A new file, as an output stream of `mcap.writer.Writer`.
 
-    It is unbuffered: written bytes are with the operating system, and survive the process. The
+    It is unbuffered: the operating system has the written bytes, and they survive the process. The
     first failure is final; the file then ends with the last whole record. Until it is closed the
     file is locked, so that `recover` refuses it.
 
     Attributes:
-        path: the file; its name ends with `.partial` until `finish`, which puts it elsewhere where
-            its directory was deleted.
-        refusal: why the file takes no more bytes; None while it does.
+        path: the file; its name ends with `.partial` until `finish`, which puts it into another
+            directory if its own was deleted.
+        refusal: the reason why the file accepts no more bytes; None while it does.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,7 +61,7 @@ class OutputFile:
         begin = self._position
         try:
             while rest:
-                # A nearly full disk takes a part and fails with the next call.
+                # A nearly full disk accepts a part and fails with the next call.
                 written = self._file.write(rest)
                 self._position += written
                 rest = rest[written:]
@@ -83,7 +83,7 @@ class OutputFile:
         """Do nothing: there is no buffer."""
 
     def finish(self) -> None:
-        """Let the disk have everything, then drop `.partial` from the name; raises BagError.
+        """Write everything to the disk, then drop `.partial` from the name; raises BagError.
 
         A file that was deleted is still open: it is copied to `<directory>_rescued`, or into the
         folder for temporary files.
@@ -123,10 +123,10 @@ class OutputFile:
 
 
 def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> OutputFile:
-    """Make the directory, which must not exist where it is `new`, and a file in it.
+    """Make the directory, which must not exist if it is `new`, and a file in it.
 
     Raises:
-        BagError: it cannot be made.
+        BagError: directory or file cannot be made.
     """
     try:
         if new:
@@ -153,6 +153,6 @@ def being_recorded(path: Path) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file all or nothing, and let the disk have it; BagError where that fails."""
+    """Write a text file, all or nothing, to the disk; raises BagError."""
     with failing(f"cannot write {path}", "; make room"):
         write_whole(path, text, sync=True)

@@ -3,7 +3,7 @@
 """rosbag2's `metadata.yaml`, version 9 as ROS 2 Jazzy writes it.
 
 The same information goes into the MCAP file itself as the metadata record `rosbag2`, so that a
-bag file without its directory is still understood.
+bag file without its directory can still be read.
 """
 
 import functools
@@ -29,13 +29,13 @@ CONTINUED_RECORD = "continued"
 `SPLIT`, `RESTARTED`, `ROLLED_BACK`); after a return to a checkpoint also `step`, the checkpoint,
 and `first`, the time step of the first local state after it."""
 STALLED_RECORD = "stalled"
-"""Name of the metadata record of a recorder that stood still: `step`, the time step from which on
+"""Name of the metadata record of a recorder that was stopped: `step`, the first time step whose
 messages may be lost, and `seconds`, the length of the pause."""
 SPLIT = "split"
 RESTARTED = "restarted"
 ROLLED_BACK = "rolled_back"
 """Why a file begins: the one before was big or long enough; the recorder was started again; the
-run went back to a checkpoint, and later messages of the files before are superseded."""
+run went back to a checkpoint, which supersedes later messages of the files before."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def bag_information(
 
     Args:
         files: its files, one after the other.
-        topics: its topics, in the order they are to be listed.
+        topics: its topics, in the order of the list.
     """
     whole = _times(files)
     return {
@@ -153,10 +153,10 @@ def bag_information(
 
 
 def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
-    """Return when files begin and how long they last."""
+    """Return the beginning and the duration of files."""
     filled = [file for file in files if file.message_count]
     start = LATEST_NS
-    length = 0  # what rosbag2 leaves as start of a bag without messages
+    length = 0  # the start that rosbag2 writes for a bag without messages
     if filled:
         start = min(file.start_ns for file in filled)
         length = max(file.end_ns for file in filled) - start
@@ -170,7 +170,7 @@ def metadata_yaml(information: Mapping[str, Any]) -> str:
 
 
 def told_files(directory: Path) -> list[str]:
-    """Return the files of a bag by `metadata.yaml`, and by one that `recover` has kept."""
+    """Return the files in `metadata.yaml`, and in an older one that `recover` has kept."""
     told = map(read_information, directory.glob(f"{METADATA_FILE}*"))
     lists = [
         names
@@ -181,7 +181,7 @@ def told_files(directory: Path) -> list[str]:
 
 
 def read_information(path: Path) -> Mapping[str, Any]:
-    """Return the content of a `metadata.yaml`; empty where it is missing or unreadable."""
+    """Return the content of a `metadata.yaml`; empty if it is missing or unreadable."""
     try:
         text = read_text(path, METADATA, SparseCoordError, "")
         found = parse_yaml(text, where="", limit=METADATA).get(

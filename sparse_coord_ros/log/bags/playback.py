@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playing a playlist against a clock: rate, pause, steps, seeking, loop. Without ROS or threads.
 
-Whatever was played, everything up to `position_ns` is out and nothing after it.
+At all times every message up to `position_ns` has been published, and no later one.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from sparse_coord_ros.log.bags.reader import Message
 from sparse_coord_ros.protocol.wire.frame import SECOND
 
 BURST = 100
-"""Most messages of one call of `play`, so that the caller can do other things in between."""
+"""Most messages of one call of `play`, so that the caller can do other work in between."""
 
 
 @dataclass(eq=False)
@@ -24,14 +24,14 @@ class Playback:
         playlist: the messages to play.
         publish: called with each message.
         now_ns: a monotonic clock.
-        on_time: called with the log time reached, before each message of that time.
+        on_time: called with the current log time, before each message of that time.
         rate: seconds of the log a second.
         loop: begin again at the end.
         paused: begin paused.
 
     Attributes:
-        paused: whether time stands still.
-        done: whether the end was reached while playing.
+        paused: whether playing is paused.
+        done: whether playing has reached the end.
         published: number of messages published.
         late_ns: the longest delay of a published message; None: none was published.
     """
@@ -53,7 +53,7 @@ class Playback:
 
     @property
     def position_ns(self) -> int:
-        """The log time that is reached."""
+        """The current log time."""
         if self.paused:
             return self._from_ns
         reached = self._from_ns + round((self.now_ns() - self._anchor_ns) * self.rate)
@@ -62,7 +62,7 @@ class Playback:
         return max(self._from_ns, min(reached, limit))
 
     def seek(self, time_ns: int) -> None:
-        """Go to a log time: kept topics become current, and the messages of that time go out."""
+        """Go to a log time: publish the last messages of kept topics, then those of that time."""
         self.done = False
         messages = self.playlist.seek(time_ns)
         self.on_time(time_ns)
@@ -72,18 +72,18 @@ class Playback:
         self._go_on_from(time_ns)
 
     def pause(self, paused: bool) -> None:
-        """Hold, or go on from where it was held."""
+        """Pause, or resume from the same place."""
         if paused != self.paused:
             self._go_on_from(self.position_ns)
             self.paused = paused
 
     def set_rate(self, rate: float) -> None:
-        """Go on at another rate."""
+        """Continue at another rate."""
         self._go_on_from(self.position_ns)
         self.rate = rate
 
     def step(self) -> bool:
-        """Pause, and publish the next time step; return False where the bag has ended."""
+        """Pause, and publish the next time step; return False at the end of the bag."""
         self.pause(True)
         end_ns = self.playlist.step_end_ns
         if end_ns is None:
@@ -96,7 +96,7 @@ class Playback:
         return True
 
     def play(self) -> int | None:
-        """Publish the messages that are due, `BURST` at most.
+        """Publish the due messages, `BURST` at most.
 
         Returns:
             Nanoseconds until the next message is due, 0 for at once; None: no message is due
@@ -127,7 +127,7 @@ class Playback:
         self._anchor_ns = anchor_ns
 
     def _end(self) -> int | None:
-        """Be done, or begin again: the first message follows the last as one step the other."""
+        """End, or begin again: the first message follows the last after the time of one step."""
         if not self.loop:
             self.done = True
             return None

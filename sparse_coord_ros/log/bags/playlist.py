@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a bag in the order of their log times, from any position, without holding them.
+"""The messages of a bag in the order of their log times, from any position, in little memory.
 
-One pass notes time and topic of every message (18 bytes each). Then the file is streamed; only a
-message that lies in the file before one with an earlier log time is kept until its turn.
+One pass notes time and topic of every message (18 bytes each). Then the file is streamed. Only a
+message that comes in the file before one with an earlier log time is kept until its turn.
 """
 
 from array import array
@@ -20,7 +20,7 @@ class Playlist:
 
     Args:
         bag: an open bag.
-        topics: the topics to play; they must hold messages.
+        topics: the topics to play; they must have messages.
         kept: topics whose last message stays valid until the next, such as latched ones.
 
     Attributes:
@@ -29,7 +29,7 @@ class Playlist:
         step_count: number of time steps.
 
     Raises:
-        BagError: these topics hold no message.
+        BagError: these topics have no message.
     """
 
     def __init__(
@@ -78,10 +78,10 @@ class Playlist:
 
     @property
     def step_end_ns(self) -> int | None:
-        """Log time of the last message of the step that comes next; None at the end.
+        """Log time of the last message of the next step; None at the end.
 
-        A step lasts until the next message of the clock; in a bag without any, it is all that has
-        one log time.
+        A step lasts until the next message of the clock; in a bag without a clock, a step is all
+        messages of one log time.
         """
         if self._next == len(self._times):
             return None
@@ -93,7 +93,7 @@ class Playlist:
         )
 
     def seek(self, time_ns: int) -> list[Message]:
-        """Go on with the first message at or after a time.
+        """Continue with the first message at or after a time.
 
         Returns:
             The last message before that time of each kept topic, in their order.
@@ -126,7 +126,7 @@ class Playlist:
         return message
 
     def _find(self, wanted: int, also: Collection[int] = ()) -> Message:
-        """Return the message of a place: a kept one, or after reading on up to it."""
+        """Return the message at a place: a kept one, or one further on in the file."""
         if wanted in self._waiting:
             return self._waiting.pop(wanted)
         for place, message in self._stream:

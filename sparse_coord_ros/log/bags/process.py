@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag writer in a process of its own, so that writing takes no time from a run beside it."""
+"""A bag writer in its own process, so that writing does not slow the run."""
 
 import contextlib
 import socket
@@ -23,7 +23,7 @@ SEND_BYTES = 1 << 22
 """Wanted buffer between the processes (the system may give less), for the writer's pauses."""
 
 PATIENCE_SECONDS = 30
-"""A writer that takes no message and gives no answer for so long has failed (its disk hangs)."""
+"""A writer that neither receives nor answers for so long has failed (its disk hangs)."""
 
 
 class BagProcess:
@@ -38,8 +38,8 @@ class BagProcess:
         options: the other arguments of `BagWriter`.
 
     Attributes:
-        message_count: number of messages handed over; a few hundred may wait to be.
-        bytes_written: bytes handed to the operating system when the child answered last.
+        message_count: number of messages handed over; a few hundred of them may still wait here.
+        bytes_written: bytes handed to the operating system by the child's last answer.
 
     Raises:
         BagError: as `BagWriter`, or the child has ended or hangs.
@@ -59,14 +59,14 @@ class BagProcess:
                 socket.SOL_SOCKET, direction, struct.pack("ll", PATIENCE_SECONDS, 0)
             )
         self._connection = Connection(ours.detach())
-        # -P: with no module of the current directory
+        # -P: without modules of the current directory
         command = [sys.executable, "-P", "-m", __name__, str(theirs.fileno())]
         shared: dict[str, Any] = {
             "stdin": subprocess.DEVNULL,
             "pass_fds": [theirs.fileno()],
         }
         try:
-            with theirs, held_back():  # for good: the child ends when this process does
+            with theirs, held_back():  # for good: the child ends with this process
                 self._process = subprocess.Popen(
                     command, start_new_session=True, **shared
                 )
@@ -139,7 +139,7 @@ class BagProcess:
                 return value
 
     def _send(self, method: str, *arguments: Any) -> None:
-        """Take the child's answers up to now, and send it a call."""
+        """Read the child's answers so far, and send it a call."""
         if self._refusal is not None:
             raise BagError(self._refusal)
         try:
@@ -161,7 +161,7 @@ class BagProcess:
         return name, value
 
     def _fail(self, error: OSError | EOFError) -> NoReturn:
-        """Raise BagError: the child hangs, or it is gone."""
+        """Raise BagError: the child hangs, or has ended."""
         what = "has ended"
         remedy = "'sparse_coord recover' repairs it"
         so = "; the recording ends there, unfinished"

@@ -33,7 +33,7 @@ class Message(NamedTuple):
         data: the serialised message with its CDR header.
         log_time_ns: time of reception.
         publish_time_ns: time of publication.
-        sequence: its place in its channel, from 0 where `BagWriter` wrote it.
+        sequence: its place in its channel; `BagWriter` counts from 0.
     """
 
     topic: str
@@ -48,17 +48,17 @@ class Bag:
 
     Args:
         files: its files in their order.
-        blocks: those of each file whose messages are read; None: all.
-        missing: files that should be there.
+        blocks: for each file, the blocks to read; None: all.
+        missing: the missing files.
 
     Attributes:
         files: its files.
         missing: as given.
-        path: the file; of several their directory.
+        path: the file; for several files their directory.
         part: whether only some blocks of its files are read.
 
     Raises:
-        BagError: files do not belong together, or hold a run in another format.
+        BagError: files do not belong together, or contain a run in another format.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Bag:
 
     @property
     def finished(self) -> bool:
-        """True if its recorder closed it."""
+        """True if its recorder closed its last file."""
         return all(file.finished for file in self.files)
 
     @property
@@ -119,7 +119,7 @@ class Bag:
     def damage(self) -> str | None:
         """The first missing file, or the first damage with its place; None: there is neither.
 
-        An unfinished bag is not damaged by that alone.
+        A bag that is only unfinished is not damaged.
         """
         for gap in self.missing:
             return f"{gap.file} {gap.why}"
@@ -136,7 +136,7 @@ class Bag:
 
     @property
     def lost_bytes(self) -> int:
-        """Number of bytes in gaps, without those that `recover` has left out."""
+        """Number of bytes in gaps, without gaps that `recover` has left out."""
         return sum(gap.end - gap.begin for gap in self.gaps if not gap.recovered)
 
     @property
@@ -150,10 +150,10 @@ class Bag:
 
     @property
     def clock(self) -> str | None:
-        """The topic of the clock, whatever its name; None: the bag has no clock.
+        """The topic of the clock, with any name; None: the bag has no clock.
 
-        Its type tells it. Of several, it is the one with the usual name, else the one with most
-        messages.
+        Its type identifies it. Of several, it is the one with the usual name, else the one with
+        most messages.
         """
         topics = self.topics
         counts = self.counts
@@ -204,7 +204,7 @@ class Bag:
 
     @property
     def blocks(self) -> Sequence[Sequence[Block]]:
-        """Where in each file the messages are."""
+        """The places of the messages in each file."""
         return (
             [file.blocks for file in self.files]
             if self._blocks is None
@@ -220,7 +220,7 @@ class Bag:
 
     @property
     def attachments(self) -> tuple[Attachment, ...]:
-        """Its attachments, each read when its data are asked for."""
+        """Its attachments; their data are read on access."""
         return tuple(one for file in self.files for one in file.attachments)
 
     @property
@@ -251,7 +251,7 @@ class Bag:
         )
 
     def extend(self) -> bool:
-        """Read on in the last file if it has grown; return whether there was anything new."""
+        """Read on in the last file if it has grown; return whether it has new records."""
         return self.files[-1].extend()
 
     def close(self) -> None:
@@ -292,7 +292,7 @@ class Bag:
                 )
 
     def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
-        """Yield the messages outside of gaps, many together, with the channels of the whole.
+        """Yield the messages outside of gaps, many together, with the bag's channels.
 
         Args:
             files: numbers (from 0) of the files to read; None: all.
@@ -317,16 +317,16 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
     Args:
         path: a bag's directory, that of a run with a `bag` in it, an `.mcap` or an
             `.mcap.partial` file.
-        checked: read through it once, check every byte and count the messages; else only look
-            where what lies, see `BagFile`.
+        checked: read all of it once, check every byte and count the messages; else only find the
+            places of records, see `BagFile`.
 
     Returns:
         The bag; if it is damaged, as far as it can be read.
 
     Raises:
-        BagError: the file is missing, the directory holds no bag file or several that are not
-            parts of one bag, or a file does not begin as MCAP, holds messages that are not of
-            ROS 2, or is a run's in another format than this version's.
+        BagError: the file is missing, the directory contains no bag file or several that are not
+            parts of one bag, or a file does not begin as MCAP, contains messages that are not of
+            ROS 2, or a run in another format than this version's.
     """
     files = bag_files(Path(path))
     missing = list(_missing(files)) if Path(path).is_dir() else []
@@ -375,7 +375,7 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def stem_and_number(file: Path) -> tuple[str, int]:
-    """Return the stem and the number in a file's name; `bag` and 0 where it has none."""
+    """Return the stem and the number in a file's name; `bag` and 0 without them."""
     match = _NUMBERED.fullmatch(file.name)
     if match is not None:
         return match[1], int(match[2])

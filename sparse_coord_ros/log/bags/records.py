@@ -43,7 +43,7 @@ MESSAGE_HEAD = np.dtype(
 )
 """A message record up to its data."""
 LATEST_NS = 2**63 - 1
-"""rosbag2 holds times as signed 64 bit nanoseconds."""
+"""rosbag2 stores times as signed 64 bit nanoseconds."""
 
 _NAMES = {int(opcode): opcode.name.lower().replace("_", " ") for opcode in Opcode}
 _BEGIN = re.compile(b"(?=[%s]....\0{4})" % re.escape(bytes(_NAMES)), re.DOTALL)
@@ -56,7 +56,7 @@ class Damage(Exception):  # noqa: N818
     """Damaged bytes at an offset; its text is one sentence."""
 
     def __init__(self, offset: int, problem: str) -> None:
-        """Take the offset in the file and the problem."""
+        """Make it from the offset in the file and the problem."""
         super().__init__(f"byte {offset}: {problem}")
         self.problem = problem
 
@@ -66,12 +66,12 @@ class Cut(Damage):
 
 
 class RecordPlace(NamedTuple):
-    """Where a record lies in a file.
+    """The place of a record in a file.
 
     Attributes:
         opcode: its kind.
-        offset: where it begins.
-        length: bytes of its body.
+        offset: its beginning.
+        length: size of its body in bytes.
     """
 
     opcode: int
@@ -80,12 +80,12 @@ class RecordPlace(NamedTuple):
 
     @property
     def body(self) -> int:
-        """Where its body begins."""
+        """The offset of its body."""
         return self.offset + HEAD.size
 
     @property
     def end(self) -> int:
-        """Where it ends, and the next begins."""
+        """Its end, the offset of the next record."""
         return self.body + self.length
 
 
@@ -110,7 +110,7 @@ class Source:
 
     @property
     def size(self) -> int:
-        """Bytes of the file, as it is now."""
+        """The current size of the file in bytes."""
         return os.fstat(self._descriptor).st_size
 
     def read(self, offset: int, length: int) -> bytes:
@@ -142,7 +142,7 @@ class Source:
         return RecordPlace(opcode, offset, length)
 
     def record(self, offset: int, size: int) -> RecordPlace:
-        """Return the record at an offset; raises Damage unless `size` bytes hold all of it."""
+        """Return the record at an offset; raises Damage unless it ends within `size` bytes."""
         record = self.head(offset, size)
         if record.end > size:
             said = f"{describe(record.opcode)} of {record.length} bytes"
@@ -151,7 +151,7 @@ class Source:
         return record
 
     def places(self, begin: int, end: int) -> Iterator[int]:
-        """Yield where from `begin` on records may begin: known opcodes, plausible lengths."""
+        """Yield the places from `begin` on with a known opcode and a plausible length."""
         place = begin
         while place < end:
             try:
@@ -174,10 +174,10 @@ def describe(opcode: int) -> str:
 
 
 class _Exact(ReadDataStream):
-    """mcap's stream, which would hand back less than asked for."""
+    """mcap's stream, which itself may return fewer bytes than requested."""
 
     def read(self, length: int) -> bytes:
-        """Return so many bytes, or raise EndOfFile."""
+        """Return `length` bytes, or raise EndOfFile."""
         data = super().read(length)
         if len(data) < length:
             raise EndOfFile
@@ -185,12 +185,12 @@ class _Exact(ReadDataStream):
 
 
 def parse(kind: Any, body: bytes, offset: int) -> Any:
-    """Return a record of one of mcap's classes, made of exactly these bytes.
+    """Return a record of one of mcap's classes from exactly these bytes.
 
     Args:
-        kind: a class of `mcap.records` whose `read` takes a stream only.
+        kind: a class of `mcap.records` whose `read` needs only a stream.
         body: the record without its head.
-        offset: where in the file the record begins, for the error.
+        offset: the record's offset in the file, for the error.
 
     Raises:
         Damage: the fields do not fill the bytes, or a text is not UTF-8.
@@ -209,7 +209,7 @@ def parse(kind: Any, body: bytes, offset: int) -> Any:
 def check_crc(
     expected: int, found: int, offset: int, what: str, *, required: bool
 ) -> None:
-    """Raise Damage if a stored checksum does not hold; 0 means no checksum, unless required."""
+    """Raise Damage if a stored checksum is wrong; 0 means no checksum, unless required."""
     if expected != found and (expected or required):
         raise Damage(
             offset, f"the checksum of {what} is {found:#010x}, not {expected:#010x}"
@@ -225,7 +225,7 @@ def chunk_content(chunk: Chunk, offset: int, *, crc_required: bool) -> bytes:
         if chunk.compression == "":
             content = chunk.data
         elif chunk.compression == "zstd":
-            # The frame itself names a size, for which the library would make room.
+            # The frame itself states a size, and the library would allocate this memory.
             if zstandard.frame_content_size(chunk.data) not in (-1, size):
                 raise ValueError
             unpack = zstandard.ZstdDecompressor().decompress
@@ -265,12 +265,13 @@ def message_heads(
 
     Args:
         content: the content of one or more chunks.
-        starts: where in it each chunk's begins; a record is there.
-        offset: where in the file they are, for the error.
+        starts: offset of each chunk's first record in it.
+        offset: their offset in the file, for the error.
 
     Returns:
-        Where each message record begins, shape (messages,), int64; their heads, of type
-        `MESSAGE_HEAD`, same shape; of each other record its opcode and its body's begin and end.
+        The offset of each message record, shape (messages,), int64; their heads, of type
+        `MESSAGE_HEAD`, same shape; for each other record its opcode and its body's beginning and
+        end.
 
     Raises:
         Damage: a record does not fit into the content.

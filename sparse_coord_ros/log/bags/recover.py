@@ -45,11 +45,11 @@ class Recovery:
 
     Attributes:
         path: the bag's directory.
-        bag: the original as far as it was read; the recovered bag holds all of that. `bag.whole`
-            says whether the original had no gap.
-        kept: the path of the kept original (of several files the first); None: no file was
+        bag: the original as far as it was read; the recovered bag contains all of that.
+            `bag.whole`: whether the original had no gap.
+        kept: the path of the kept original (the first of several files); None: no file was
             replaced.
-        changed: whether anything was written or renamed.
+        changed: whether a file was written or renamed.
     """
 
     path: Path
@@ -62,19 +62,19 @@ def recover(path: Path) -> Recovery:
     """Make a bag whole: everything outside of its gaps, indexed, with `metadata.yaml`.
 
     The files are replaced one by one: the finished file is `<name>_0.mcap`, the original is kept
-    as `<file>.damaged`. A whole bag is left as it is; a missing `metadata.yaml` is written. A file
-    that replaces an unfinished or damaged one says so (`Bag.recovered`).
+    as `<file>.damaged`. A whole bag is not changed; a missing `metadata.yaml` is written. A file
+    that replaces an unfinished or damaged one has a note of it (`Bag.recovered`).
 
     Args:
-        path: as of `open_bag`; a file stands for the bag in its directory.
+        path: as in `open_bag`; a file stands for the bag in its directory.
 
     Raises:
-        BagError: nothing can be read, the bag is still being recorded, or the result cannot be
-            written; the recorded files are still there.
+        BagError: the bag cannot be read or is still being recorded, or the result cannot be
+            written; the recorded files are kept.
     """
     path = Path(path)
     if path.is_file():
-        BagFile(path, checked=False).close()  # raises for a file that is no bag's
+        BagFile(path, checked=False).close()  # raises if the file is not a bag
         path = path.parent
     files = bag_files(path)
     with contextlib.ExitStack() as held:
@@ -89,13 +89,13 @@ def recover(path: Path) -> Recovery:
 
 
 def continued(directory: Path) -> Bag | None:
-    """Recover a bag that a recorder is to continue, and return it.
+    """Recover a bag that a recorder will continue, and return it.
 
     Returns:
         None if there is no bag, or only an empty one, which is moved aside.
 
     Raises:
-        BagError: it is being recorded, or cannot be read or recovered.
+        BagError: the bag is being recorded, or cannot be read or recovered.
     """
     if not directory.is_dir():
         return None
@@ -115,7 +115,7 @@ def continued(directory: Path) -> Bag | None:
         return None
     recovery = recover(directory)
     if recovery.bag.whole and recovery.kept is not None:
-        recovery.kept.unlink()  # all of it is in the file that was finished
+        recovery.kept.unlink()  # the finished file contains all of it
     return open_bag(directory)
 
 
@@ -127,7 +127,7 @@ def _holds_anything(file: Path) -> bool:
 
 
 def _finished(bag: Bag, directory: Path) -> Recovery:
-    """Finish each file of a bag, and write `metadata.yaml` where it is missing or wrong."""
+    """Finish each file of a bag, and write `metadata.yaml` if it is missing or wrong."""
     kept: list[Path] = []
     renamed = False
     for place, file in enumerate(bag.files):
@@ -149,8 +149,8 @@ def _replace_by_whole(file: BagFile, gaps: Sequence[Gap], directory: Path) -> Pa
 
     Args:
         file: the unfinished or damaged file.
-        gaps: the parts of it that cannot be read.
-        directory: that of the bag.
+        gaps: its unreadable parts.
+        directory: the bag's directory.
     """
     stem, number = stem_and_number(file.path)
     finished = directory / f"{stem}_{number}.mcap"
@@ -158,7 +158,7 @@ def _replace_by_whole(file: BagFile, gaps: Sequence[Gap], directory: Path) -> Pa
         kept = _keep(file.path)
         os.replace(draft / finished.name, finished)
         if file.path != finished:
-            file.path.unlink(missing_ok=True)  # it is there as `kept`
+            file.path.unlink(missing_ok=True)  # `kept` is its second name
     return kept
 
 

@@ -22,7 +22,7 @@ _FIELD = re.compile(
     r"^[ \t]*([A-Za-z][A-Za-z0-9_/]*)(?=(?:\[[^\]]*\])?[ \t]+\w)", re.MULTILINE
 )
 _PART = re.compile(r"_(Request|Response)$")
-"""How the name of a part of a service ends."""
+"""The end of the name of a part of a service."""
 _PRIMITIVES = frozenset(
     "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 "
     "string wstring".split()
@@ -34,15 +34,15 @@ def schema_text(type_name: str) -> str:
     """Return the complete `ros2msg` schema of a message type.
 
     A service's event type has no file of its own. rosbag2 stores the `.srv` text in its place,
-    which is no message definition; here the event message is written out, its request and response
-    as sections of their own, called as `stored_name` calls them.
+    which is not a message definition. Here the event message is written out, with its request and
+    response as sections of their own, under the names of `stored_name`.
 
     Args:
         type_name: `package/msg/Type`, or `package/srv/Service_Event` (`_Request`, `_Response`).
 
     Returns:
-        The type's definition, then each dependency after a line of 80 equals signs and one
-        that names it.
+        The type's definition, then each dependency after a line of 80 equals signs and a line with
+        its name.
 
     Raises:
         BagError: a definition is not installed.
@@ -68,8 +68,8 @@ def schema_text(type_name: str) -> str:
 def stored_name(type_name: str) -> str:
     """Return a type's name in a bag, so that readers find its definition.
 
-    rosbags and mcap_ros2 decode no type of `srv`, whatever its definition. A service's event is
-    stored as a message; its fields and bytes are the same.
+    rosbags and mcap_ros2 decode no types of `srv`. So a service's event is stored as a message;
+    its fields and bytes are the same.
 
     Args:
         type_name: `package/msg/Type`, or `package/srv/Service_Event`.
@@ -78,7 +78,7 @@ def stored_name(type_name: str) -> str:
 
 
 def ros_name(stored: str, topic: str) -> str:
-    """Return the ROS name of a type with a name as of `stored_name`.
+    """Return the ROS name of a type from its name by `stored_name`.
 
     Args:
         stored: the bag's name of the type.
@@ -121,7 +121,7 @@ def _definition(name: str) -> str:
             f"neither in AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH', '')!r}) nor "
             f"where Python finds {package}; install the package {package}, or add its prefix"
         )
-    # Bytes, not text mode: the schema is the file as it is, line ends included.
+    # Bytes, not text mode: the schema is the unchanged file, line ends included.
     text = path.read_bytes().decode("utf-8")
     if kind == "msg":
         return text
@@ -135,7 +135,7 @@ def _definition(name: str) -> str:
         r"^---[ \t\r]*\n?", text, maxsplit=1, flags=re.MULTILINE
     )
     text = request if part == "Request" else response
-    # A reader would take a bare name for one of the package of the service.
+    # A reader would look up a bare name in the package of the service.
     return _FIELD.sub(
         lambda field: field[0].replace(field[1], _full(field[1], package)), text
     )
@@ -154,7 +154,7 @@ def _interface_file(package: str, kind: str, file_name: str) -> Path | None:
 
 
 def _prefixes(package: str) -> Iterator[Path]:
-    """Yield the prefixes a package may be installed in: ament's, its module's, Python's."""
+    """Yield the prefixes in which a package may be installed: ament's, its module's, Python's."""
     ament = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     yield from map(Path, filter(None, ament))
     spec = importlib.util.find_spec(package)

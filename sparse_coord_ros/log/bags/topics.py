@@ -18,8 +18,8 @@ from sparse_coord_ros.base.limits import METADATA
 from sparse_coord_ros.base.yaml_text import yaml_value
 from sparse_coord_ros.log.bags.records import Damage
 
-# rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a
-# deadline, lifespan or lease.
+# rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: rosbag2 records it for a publisher without a deadline,
+# lifespan or lease.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 _POLICIES = {
@@ -27,7 +27,7 @@ _POLICIES = {
     "durability": ("transient_local", "volatile"),
     "history": ("keep_last", "keep_all"),
 }
-"""In the order of rmw's numbers from 1, by which rosbag2 called them before version 9."""
+"""In the order of rmw's numbers from 1, which rosbag2 wrote before version 9."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +95,11 @@ class BagTopic(NamedTuple):
     Attributes:
         name: full name, with a leading slash.
         type_name: message type, e.g. `nav_msgs/msg/Path`.
-        schema: the type's definition with all it depends on.
+        schema: the type's definition with its dependencies.
         qos: the profile of each publisher.
         type_hash: the type's RIHS01 hash, empty if unknown.
-        schema_encoding: the language of `schema`: `ros2msg`, in bags of others also `ros2idl`.
+        schema_encoding: the language of `schema`: `ros2msg`, in bags of other programs also
+            `ros2idl`.
     """
 
     name: str
@@ -114,8 +115,8 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
 
     Args:
         channel: the record.
-        schemas: the schemas known by then, by id.
-        offset: where in the file they are, for the error.
+        schemas: the known schemas, by id.
+        offset: the record's offset in the file, for the error.
 
     Raises:
         BagError: the messages are not of ROS 2.

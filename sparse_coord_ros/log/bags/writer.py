@@ -28,29 +28,29 @@ from sparse_coord_ros.log.bags.schemas import schema_text, stored_name, type_has
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
-"""Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
+"""Bytes of uncompressed messages in a chunk: a killed process loses one chunk at most."""
 
 INSIDE = tuple(
     f"_Writer__{name}"
     for name in ("chunk_indices", "schemas", "channels", "chunk_builder")
 )
 CHUNKS, SCHEMAS, CHANNELS, BUILDER = INSIDE
-"""Private attributes of mcap's Writer, which defines a channel in one chunk only: by these `flush`
-defines it in another one. A test says where a release of mcap has renamed them."""
+"""Private attributes of mcap's Writer, which defines a channel in one chunk only. With them
+`flush` defines it in another one. A test fails if a release of mcap renames them."""
 
 
 class BagWriter:
     """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
 
-    Further files follow where a limit is passed, by `begin_file`, or where an earlier bag is
+    Further files follow after a limit is passed, by `begin_file`, or if an earlier bag is
     continued: `<name>_1.mcap` and so on, each with a metadata record that says why it begins.
-    Channels and sequence numbers go on.
+    Channels and sequence numbers continue.
 
     Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
     handed to the operating system as soon as it is full, and by `flush`: a bag that is never
-    closed holds these chunks complete, for `open_bag` to read and `recover` to finish. As a
-    context manager the writer closes the bag on success and abandons it on an exception, so that
-    a broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
+    closed contains these chunks completely, and `open_bag` can read and `recover` finish it. As a
+    context manager the writer closes the bag on success and abandons it on an exception, so that a
+    broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
     thread, or one lock, for all calls.
 
     Args:
@@ -59,9 +59,9 @@ class BagWriter:
         chunk_size: bytes of uncompressed messages after which a chunk is written.
         name: stem of the MCAP file; the directory's name by default.
         number: of its first file.
-        max_bytes: begin another file after so many; 0: never.
-        max_ns: the same, after so much log time.
-        earlier: the bag in that directory that is to be continued (`recover.continued`).
+        max_bytes: size in bytes after which another file begins; 0: never.
+        max_ns: the same, as a span of log time.
+        earlier: the bag in that directory that the writer continues (`recover.continued`).
         why: the reason that the first new file states, see `begin_file`.
 
     Raises:
@@ -105,11 +105,11 @@ class BagWriter:
         self._start_file(None if earlier is None else why or {"why": RESTARTED})
 
     def _start_file(self, why: Mapping[str, str] | None) -> None:
-        """Begin a file, with the channels that there are; None: the bag's first."""
+        """Begin a file, with the known channels; None: the bag's first file."""
         self._file_name = f"{self._stem}_{self._number}.mcap"
         self._file = create_bag_file(self._directory, self._file_name, new=why is None)
         self._writer = Writer(
-            self._file,  # type: ignore[arg-type]  # of a stream, Writer uses write, tell and flush
+            self._file,  # type: ignore[arg-type]  # Writer uses only write, tell and flush
             chunk_size=self._chunk_size,
             compression=self._compression,
             enable_data_crcs=True,
@@ -147,7 +147,7 @@ class BagWriter:
 
     @property
     def bytes_written(self) -> int:
-        """Bytes handed to the operating system; the unfinished chunk is not among them."""
+        """Bytes handed to the operating system, without the unfinished chunk."""
         return self._bytes_before + self._file.tell()
 
     def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
@@ -155,8 +155,8 @@ class BagWriter:
 
         Args:
             topic: full topic name, with a leading slash.
-            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events: the
-                bag calls these as of `stored_name`.
+            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events, which
+                have their `stored_name` in the bag.
             qos: the profile that the topic's publisher offers.
 
         Raises:
@@ -171,7 +171,7 @@ class BagWriter:
         return self.add_known_topic(known)
 
     def add_known_topic(self, topic: BagTopic) -> int:
-        """Return the channel id of a new topic, told as another bag tells it.
+        """Return the channel id of a new topic, with its description from another bag.
 
         Raises:
             BagError: the bag is closed or broken.
@@ -211,7 +211,7 @@ class BagWriter:
             sequence: its sequence number; by default its place in its channel, from 0.
 
         Raises:
-            BagError: the bag is closed, or writing failed, after which the bag takes no more
+            BagError: the bag is closed, or writing failed, after which the bag accepts no more
                 messages.
             KeyError: the channel is unknown.
         """
@@ -253,8 +253,8 @@ class BagWriter:
     def flush(self) -> None:
         """End the current chunk and hand it to the operating system, without fsync.
 
-        The next chunk defines channels again that are new: should a chunk of an unfinished file be
-        lost, the others can be read.
+        The next chunk defines new channels again: if a chunk of an unfinished file is lost, the
+        others can be read.
 
         Raises:
             BagError: writing failed, or the bag is closed.
@@ -289,7 +289,7 @@ class BagWriter:
             raise BagError(f"{gone}; what was still open, {rest}")
 
     def _in_files(self, topic: str) -> int:
-        """Return how many messages of a topic are in the files that are finished."""
+        """Return the number of a topic's messages in the finished files."""
         return sum(file.counts.get(topic, 0) for file in self._files)
 
     def _finish_file(self) -> None:
@@ -302,8 +302,8 @@ class BagWriter:
         try:
             self._file.check_usable()
             self._writer.flush()
-            # rosbag2 stores its information in the file too, and reads it from there if the
-            # MCAP file is opened alone.
+            # rosbag2 also stores its information in the file, and reads it from there if the MCAP
+            # file is opened alone.
             said = yaml_text(bag_information([file], self._topics.values()))
             self._writer.add_metadata(METADATA_RECORD, {"serialized_metadata": said})
             self._writer.finish()
@@ -311,14 +311,14 @@ class BagWriter:
         finally:
             self._file.close()
         self._files.append(file)
-        if self._file.path.parent != self._directory:  # that was deleted
+        if self._file.path.parent != self._directory:  # its own was deleted
             self._gone = self._gone or self._directory
             self._directory = self._file.path.parent
 
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.
 
-        It stays `.partial`: `open_bag` reads every message, `recover` finishes it.
+        The file stays `.partial`: `open_bag` reads every message, `recover` finishes it.
 
         Raises:
             BagError: writing failed.

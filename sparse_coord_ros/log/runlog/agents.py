@@ -34,9 +34,9 @@ from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
 
 
 def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]:
-    """Return a robot's memory at the run's beginning, and how the log's tables differ from it.
+    """Return a robot's memory at the run's beginning, and its difference from the log's tables.
 
-    The memory is None where the log should hold it and does not.
+    The memory is None if it is missing in the log.
     """
     run = log.run
     first = [one for one in log.all_tables if (one.robot, one.step) == (k, 0)]
@@ -64,8 +64,8 @@ class Published(NamedTuple):
 
     Attributes:
         step: the time step.
-        tables: the tables; None: it is a map.
-        grid: the data of the map; None: there are tables, or the robot has no such state.
+        tables: the tables; None: a map.
+        grid: the data of the map; None: tables, or the robot has no state of asking.
     """
 
     step: int
@@ -85,11 +85,12 @@ class AgentCheck:
     Attributes:
         name: the robot's name.
         recorded: its recorded tables.
-        agent: the agent as far as it was fed, after `check`; None where it is unknown.
+        agent: the agent as far as it was fed, after `check`; None if it is unknown.
         end: the time step of the robot's last state in the log.
-        state: the world's last state; None where the log breaks off, or holds no status.
-        choices, updates, compared: actions, updates and tables that agree, after `check`.
-        lost_copies: tables that may be lost, after `check`; later ones agree.
+        state: the world's last state; None if the log breaks off, or has no status.
+        choices, updates, compared: numbers of actions, updates and tables that agree, after
+            `check`.
+        lost_copies: number of tables that may be lost, after `check`; later ones agree.
     """
 
     def __init__(
@@ -123,7 +124,7 @@ class AgentCheck:
 
     @property
     def last_counts(self) -> Mapping[str, int] | None:
-        """The counts beside the tables of its end; None: the log does not hold these tables."""
+        """The counts beside its last tables; None: the log does not contain these tables."""
         acted = int(self.trajectory.step.max(initial=0))
         last = max(self.recorded, key=_step, default=None)
         if last is None or last.step <= acted:
@@ -131,12 +132,12 @@ class AgentCheck:
         return {**last.counts, "step": self.end}
 
     def check(self) -> list[Difference | Unknown]:
-        """Return missing tables, and the first action or tables that are not the agent's."""
+        """Return missing tables, and the first action or tables that differ from the agent's."""
         found = list(self._missing_tables())
         begun, difference = first_memory(self.log, self.k)
         if difference is not None:
             return [*found, difference]
-        if begun is None:  # the tables that it began with are among the missing ones
+        if begun is None:  # its first tables are among the missing ones
             return found
         self.agent = fresh_agent(self.log, self.k, begun, self.interval)
         replay = Replay(self.log, self.trajectory, self.agent)
@@ -149,7 +150,7 @@ class AgentCheck:
         return found
 
     def _first_difference(self, replay: Replay) -> Difference | None:
-        """Return the first action, tables or map that are not the agent's."""
+        """Return the first action, tables or map that differ from the agent's."""
         end = self._actions()
         false_claim = self._false_claim()
         if false_claim is not None:
@@ -223,7 +224,7 @@ class AgentCheck:
     def _compare(
         self, published: Published, agent: Agent, place: int
     ) -> tuple[str, str, str] | None:
-        """Return (quantity, logged, computed) where tables or a map are not the agent's.
+        """Return (quantity, logged, computed) if tables or a map differ from the agent's.
 
         Args:
             published: the tables or the map.
@@ -236,7 +237,7 @@ class AgentCheck:
         if entry.step > self.end:
             return wire.TABLES.name, "there", f"the log ends at step {self.end}"
         self.compared += 1
-        # The counts have bounds, and are compared by themselves.
+        # The counts have bounds, and are compared separately.
         counts = {name: entry.counts.get(name, 0) for name in wire.COUNTS}
         due = saved_arrays({self.k + 1: agent.memory()}, counts=counts)
         words = first_entry(entry.arrays, due, self.k)
@@ -268,7 +269,7 @@ class AgentCheck:
     ) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of a count beside tables that is impossible."""
         words = self._impossible_count(entry, place, place)
-        # A robot may save its last tables after it has acted at their very time step.
+        # A robot may save its last tables after its action at their time step.
         steps = self.trajectory.step
         acted = place < len(steps) and steps[place] == entry.step
         if words is not None and acted and entry is self.recorded[-1]:
@@ -282,8 +283,8 @@ class AgentCheck:
 
         Args:
             entry: the tables.
-            place: the first of the robot's actions that it has not learned from.
-            end: the first action whose percept is not counted.
+            place: the robot's first action from which it has not learned.
+            end: the first action whose percept does not count.
         """
         before = Counter(self.interval.counts(self.k))
         ended = self.log.ended[self.trajectory.row[:end], self.k]
@@ -308,11 +309,11 @@ class AgentCheck:
         return None
 
     def _times_repeated(self, entry: RecordedTables, more: int) -> tuple[int, int]:
-        """Return how often the robot repeated a request before tables: at least, at most.
+        """Return the least and the most repeated requests of the robot before tables.
 
         Args:
             entry: the tables.
-            more: how many actions from their time step on count.
+            more: number of actions from their time step on that count.
         """
         mine = [
             one
@@ -322,7 +323,8 @@ class AgentCheck:
         # A request that was sent again because no answer came is the same request.
         before = heard([one for one in mine if one.step < entry.step + more])
         least = times_asked_again([one for one in before if one.answer is not None])
-        # A robot that was stopped while it asked has repeated without an action that follows.
+        # A robot that was stopped while it asked may have repeated requests without a later
+        # action.
         last = entry is self.recorded[-1]
         most = sum(
             one.answer is not None and one.answer[0] < one.step
@@ -334,7 +336,7 @@ class AgentCheck:
     # Missing tables.
 
     def _missing_tables(self) -> Iterator[Difference | Unknown]:
-        """Yield the tables that are not in the log and should be."""
+        """Yield the tables that are missing in the log."""
         steps = {entry.step for entry in self.recorded}
         name = wire.TABLES.name
         unreadable = {
@@ -359,7 +361,7 @@ class AgentCheck:
         if not every or not len(states):
             return [0]
         rows = np.searchsorted(log.step, states)
-        # A robot has worked off a state when it acts on it, or rests at the goal.
+        # A robot has processed a state when it acts on it, or rests at the goal.
         acted = log.move[rows, self.k] >= 0
         rests = log.cells[rows, self.k] == self._goal
         crossed = states[:-1] // every < states[1:] // every
@@ -379,14 +381,14 @@ class AgentCheck:
         return []
 
     def _missing(self, step: int) -> Iterator[Difference | Unknown]:
-        """Yield that the tables of a time step are missing; lost copies are counted."""
+        """Yield the missing tables of a time step as a finding; count lost copies."""
         later = sum(entry.step > step for entry in self.recorded)
         if step == self.end:
             why = f"{self.name} saved no tables at its end (killed?)"
             yield Unknown(step, step, why)
         elif step and later >= wire.TABLES_DEPTH:
-            # ROS keeps only the last ones for a slow recorder. All later ones hold what was
-            # learned before.
+            # ROS keeps only the last tables for a slow recorder. Later tables include all earlier
+            # learning.
             self.lost_copies += 1
         elif self.log.messages.incomplete:
             yield Unknown(step, step, f"the tables of {self.name} are not in the log")

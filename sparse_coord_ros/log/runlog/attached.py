@@ -39,7 +39,7 @@ class RecordedTables(NamedTuple):
         step: the robot had learned from everything before this time step.
         tables: the tables.
         counts: the numbers stored beside them.
-        arrays: all attached arrays, by name; empty where the tables are computed ones.
+        arrays: all attached arrays, by name; empty for computed tables.
     """
 
     robot: int
@@ -52,11 +52,11 @@ class RecordedTables(NamedTuple):
 def attached_tables(
     bag: Bag, run: RunConfig, backs: Sequence[Rollback]
 ) -> Iterator[tuple[int, Attachment, tuple[int, int] | None]]:
-    """Yield the attachments with a name of tables, without those that a roll-back superseded.
+    """Yield the attachments with a name of tables, without superseded ones (roll-backs).
 
     Yields:
-        The place of the file in the bag, the attachment, and (robot from 0, time step); None
-        where it is of no robot.
+        The place of the file in the bag, the attachment, and (robot from 0, time step); None if it
+        belongs to no robot.
     """
     robots = run.scenario.names
     for place, file in enumerate(bag.files):
@@ -87,7 +87,7 @@ def read_tables(
 ) -> tuple[list[RecordedTables], list[Difference]]:
     """Return the attachments tables/<robot>_<step>.npz, and their problems.
 
-    Those that a roll-back superseded are left out. Those from its checkpoint on may come again.
+    Tables that a roll-back superseded are left out. Tables from its checkpoint on may come again.
     """
     found: list[RecordedTables] = []
     problems: list[Difference] = []
@@ -158,7 +158,7 @@ def _of_no_robot(attachment: Attachment) -> Difference:
 
 
 class _Copies:
-    """Finds attachments that come a second time, with the same name and content.
+    """Finds repeated attachments, with the same name and content.
 
     Args:
         bag: the bag.
@@ -171,7 +171,7 @@ class _Copies:
     def of(self, in_file: int, attachment: Attachment) -> list[tuple[str, str]] | None:
         """Return the problems of a copy, as (logged, computed); None: it is the first one.
 
-        A recorder that was started again gets the robots' last tables again.
+        A restarted recorder receives the robots' last tables again.
 
         Args:
             in_file: the place of its file in the bag.

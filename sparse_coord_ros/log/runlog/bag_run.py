@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The run of a bag, and whether all places of the bag that hold it agree."""
+"""The run of a bag, and a check that all copies of it in the bag agree."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -36,7 +36,7 @@ def find_run(bag: Bag) -> BagRun:
     """Return the run of a bag.
 
     Raises:
-        BagError: the bag holds no run, or several, or is of another format.
+        BagError: the bag contains no run, or several, or has another format.
         RunError, ScenarioError, SettingError: the run is not one of this version.
     """
     named = [one for one in bag.topics.values() if one.name.endswith(f"/{RUN.name}")]
@@ -66,7 +66,7 @@ def find_run(bag: Bag) -> BagRun:
 
 
 def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
-    """Yield the places of a bag that hold another run, or none.
+    """Yield the places of a bag with another run, or without one.
 
     Args:
         bag: the bag.
@@ -112,7 +112,7 @@ def _text(attachment: Attachment) -> str:
 
 
 def _first_line(text: str, due: str) -> tuple[str, str]:
-    """Return the first line in which texts differ, of both."""
+    """Return the first different line of two texts, from both."""
     pairs = zip(text.splitlines(), due.splitlines(), strict=False)
     lines = next(((a, b) for a, b in pairs if a != b), ("another length", "its text"))
     return repr(lines[0].strip()), f"{lines[1].strip()!r}, as topic {RUN.name} has it"

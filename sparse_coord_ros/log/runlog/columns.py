@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A bag's messages as columns: topic by topic, decoded many at a time."""
+"""A bag's messages as columns: topic by topic, many decoded at once."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any
@@ -21,8 +21,8 @@ READABLE = "readable"
 """Computed value of a message that cannot be decoded, or has another length than the run's. No
 node of the run sends such a message."""
 COMPLETE = "one with all values"
-"""Computed value of a message that lacks a value, but names the run or has the length of the
-run's: it may be a changed one."""
+"""Computed value of a message without one of its values, which still names the run or has the
+length of the run's: it may be a changed one."""
 
 OFTEN = {
     wire.CLOCK,
@@ -32,17 +32,17 @@ OFTEN = {
     wire.PERCEPT,
     wire.SERVICE_EVENTS,
 }
-"""Topics that may have a message at every time step. A message that replaces one of the run's
-there leaves that one missing."""
+"""Topics that may have a message at every time step. If a foreign message replaces one of the
+run's there, that one is missing."""
 
 ANY = -1
-"""The first sequence number may be any: only a part of the bag is read."""
+"""Any first sequence number is right: only a part of the bag is read."""
 
 Reading = MessageForm | Callable[[Any], Any]
-"""How messages become rows: many at once by a form, or each decoded one by a function."""
+"""Converts messages into rows: a form many at once, or a function each decoded one."""
 
 Forms = Mapping[str, tuple[wire.Topic, Reading]]
-"""A run's topics by their full names, and how their messages are read."""
+"""A run's topics by their full names, each with its `Reading`."""
 
 Only = Collection[wire.Topic] | None
 """The topics to read; None: all."""
@@ -55,8 +55,8 @@ class Columns:
 
     Args:
         bag: the bag.
-        forms: the run's topics by their full names, and how their messages are read. Of other
-            topics only numbers and times are checked.
+        forms: the run's topics by their full names, each with its `Reading`. Of other topics only
+            numbers and times are checked.
         only: the topics to read; None: all of them.
         period: nanoseconds of a time step.
         begins: by a file's place in the bag, the log time at which its recorder begins anew.
@@ -105,7 +105,7 @@ class Columns:
             )
 
     def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Yield each topic of a part with its messages' heads and the places where they begin."""
+        """Yield each topic of a part with its messages' heads and their offsets."""
         heads = part.heads
         numbers = self._number[heads["channel"]]
         self._check_times(part, numbers)
@@ -209,10 +209,10 @@ class Columns:
             )
 
     def _stamps(self, part: Part, stamped: np.ndarray) -> np.ndarray:
-        """Return the stamps of messages in nanoseconds; log times of messages without stamps."""
+        """Return the stamps of messages in nanoseconds; the log time if a message has none."""
         stamps = part.heads["log_ns"].astype(np.int64)
         sizes = part.heads["length"].astype(np.int64) - MESSAGE.size
-        readable = stamped & (sizes >= _STAMP.itemsize)  # `_rows` names the others
+        readable = stamped & (sizes >= _STAMP.itemsize)  # `_rows` reports the others
         rows = rows_at(part.content, part.begins[readable], _STAMP)
         stamps[readable] = rows["sec"].astype(np.int64) * SECOND + rows["nanosec"]
         return stamps
@@ -225,7 +225,7 @@ class Columns:
         Args:
             topic: its topic.
             logged: its log time.
-            due: the log time that it should have.
+            due: the correct log time.
             published: its publish time.
             at_due: whether it belongs to the time step of `due`, not of `logged`.
         """
@@ -241,7 +241,7 @@ class Columns:
 
 
 def no_rows(form: Reading) -> np.ndarray:
-    """Return an array of a form's rows with no row, shape (0,)."""
+    """Return an empty array of a form's rows, shape (0,)."""
     if isinstance(form, MessageForm):
         return np.empty(0, form.columns)
     return as_objects([])

@@ -11,7 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 from sparse_coord_ros.log.bags.topics import BagTopic
 
 PLAIN_CDR = (b"\x00\x00", b"\x00\x01")
-"""What a message begins with: its encoding, with the high or the low byte first."""
+"""The beginning of a message: its encoding, with the high or the low byte first."""
 
 
 class Decoder:
@@ -40,6 +40,6 @@ class Decoder:
                 raise ValueError(f"its encoding is {data[:2].hex(' ')}, no plain CDR")
             decode: Any = self._factory.decoder_for("cdr", schema)
             return decode(data)
-        except Exception as error:  # the library may raise any
+        except Exception as error:  # the library may raise any exception
             why = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise ValueError(f"cannot be decoded as {schema.name} ({why})") from error

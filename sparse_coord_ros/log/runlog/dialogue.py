@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The dialogue of active perception, put together from the recorded service events."""
+"""The dialogue of active perception, assembled from the recorded service events."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -28,8 +28,8 @@ class Request:
         asker: number of the asking robot.
         peer: number of the asked robot.
         step: the time step of the request.
-        position: the asker's position as it says, in metres.
-        wall_ns: wall clock of the four events by kind; those that were not recorded are missing.
+        position: the asker's position in its request, in metres.
+        wall_ns: wall clock of the four events by kind, without events that were not recorded.
         answer: (step, position) of the received response; position None: refused. None: no
             response was received.
         said: the response that the peer sent (kind ANSWERED), as `answer`.
@@ -47,7 +47,7 @@ class Request:
 
     @property
     def seconds(self) -> float | None:
-        """Wall clock from the request to its answer; None where one of them is not recorded."""
+        """Wall clock from the request to its answer; None if one of them is not recorded."""
         if EventKind.SENT not in self.wall_ns or EventKind.RETURNED not in self.wall_ns:
             return None
         return (
@@ -61,7 +61,7 @@ class Request:
         step: int,
         where: tuple[float, float] | None,
     ) -> list[tuple[str, str]]:
-        """Take in one of its events; return its problems, as (logged, computed)."""
+        """Add one of its events; return the event's problems, as (logged, computed)."""
         if kind == EventKind.RETURNED:
             self.returned.append((wall_ns, (step, where)))
             return []
@@ -76,7 +76,7 @@ class Request:
         return problems
 
     def choose(self) -> list[tuple[Any, ...]]:
-        """Take the response that the peer sent as the answer, else the last; return the others."""
+        """Choose as answer the response that the peer sent, else the last; return the others."""
         if not self.returned:
             return []
         own = [one for one in self.returned if one[1] == self.said]
@@ -88,18 +88,18 @@ class Request:
 
 
 def sent_ns(request: Request) -> int:
-    """Return the wall clock at which a request was sent; 0 where that is not recorded."""
+    """Return the wall clock at which a request was sent; 0 if that is not recorded."""
     return request.wall_ns.get(EventKind.SENT, 0)
 
 
 def heard(requests: Sequence[Request]) -> list[Request]:
-    """Return the requests without those that the asker had given up when the answer came.
+    """Return the requests that the asker had not given up when the answer came.
 
     A robot that gets no answer for a while asks again, and then waits for the newer answer only. A
-    peer that stood still answers all requests, and one answer counts.
+    peer that was stopped answers all requests, and only one answer counts.
 
     Args:
-        requests: some of one asker's.
+        requests: some requests of one asker.
 
     Returns:
         The newest first.
@@ -116,13 +116,13 @@ def heard(requests: Sequence[Request]) -> list[Request]:
 
 
 def times_asked_again(requests: Sequence[Request]) -> int:
-    """Return how often a robot must have asked again because its peer was a step behind.
+    """Return the number of repeated requests of a robot because its peer was a step behind.
 
-    A robot that was too busy to look at an answer asks again as well. Then the log holds two
-    answers of the very time step, and the robot did not wait for its peer.
+    A robot that is too busy to read an answer asks again as well. Then the log contains two
+    answers of the same time step, and the robot did not wait for its peer.
 
     Args:
-        requests: the answered ones of `heard`.
+        requests: the answered requests of `heard`.
     """
     later: set[tuple[int, int]] = set()  # peer and time step of requests sent later
     again = 0
@@ -142,12 +142,12 @@ def put_together(
 
     If a robot's service has two servers, both respond; the robot's own response is the answer.
 
-    The events of a client and of a service have different identities. Both hold (asker, step,
+    The events of a client and of a service have different identities. Both contain (asker, step,
     number of the request). Requests by persons are left out. Each writer sends its events in the
     order of its clock.
 
     Args:
-        events: those of each asked robot, of type `EVENT`, in the order of the log.
+        events: for each asked robot its events, of type `EVENT`, in the order of the log.
         names: the robots.
         period: nanoseconds of a time step.
     """
@@ -179,12 +179,12 @@ class _Event(NamedTuple):
 
     @property
     def said(self) -> tuple[float, float] | None:
-        """The same; None where the asked robot refuses to answer."""
+        """The same; None if the asked robot refuses to answer."""
         return self.place if self.is_request or self.seen else None
 
 
 class _Dialogue:
-    """Puts events together, robot by robot.
+    """Assembles requests from events, robot by robot.
 
     Args:
         names: the robots.
@@ -202,7 +202,7 @@ class _Dialogue:
         self.problems: list[Difference] = []
 
     def take(self, peer: int, rows: np.ndarray) -> None:
-        """Take in the events of the requests to one robot, in the order of the log."""
+        """Add the events of the requests to one robot, in the order of the log."""
         asked: dict[tuple[bool, bytes, int], Request | None] = {}
         newest: dict[bytes | None, int] = {}
         steps = steps_of(rows, self._period).tolist()
@@ -225,7 +225,7 @@ class _Dialogue:
             self._take_event(request, step, event, before)
 
     def _asked(self, peer: int, step: int, event: "_Event") -> Request | None:
-        """Return the request that an event is of; None: a person's."""
+        """Return the request of an event; None: a person's."""
         if event.asker < 0 or step == 0:
             return None
         key = step, event.asker, peer, event.number
@@ -236,7 +236,7 @@ class _Dialogue:
     def _take_event(
         self, request: Request, step: int, event: "_Event", newest: int
     ) -> None:
-        """Take in an event of a robot's request.
+        """Add an event of a robot's request.
 
         Args:
             request: the request.

@@ -14,9 +14,9 @@ MISSING = "missing"
 NO_REQUEST = "without its request"
 """Logged value of an answer whose request is not in the log."""
 NOTHING_TO_LEARN = "0: there was nothing to learn from"
-"""Computed value of `learned` where the log lacks the reward or the state of the action before."""
+"""Computed value of `learned` if the log lacks the reward or the state of the action before."""
 TWICE = "twice"
-"""Logged value of a message or an attachment that should be there once."""
+"""Logged value of a message or an attachment that must occur only once."""
 DIALOGUE = "dialogue"
 """Quantity: question and answer of a percept."""
 LOG_TIME = "log_time"
@@ -33,7 +33,7 @@ QUANTITIES = (
     wire.REWARD.name,
     LOG_TIME,
 )
-"""The quantities of a time step, in the order of its course; all other quantities come before."""
+"""The quantities of a time step in their order; all other quantities come before."""
 
 
 class Difference(NamedTuple):
@@ -44,7 +44,7 @@ class Difference(NamedTuple):
         robot: the robot's name; None: the quantity belongs to the world or the run.
         quantity: a topic, e.g. "reward"; after a space a part of it, e.g. "tables q_star".
         logged: the value in the log.
-        computed: the value that it should have.
+        computed: the correct value.
     """
 
     step: int | None
@@ -107,8 +107,8 @@ def first_entry(
 
     Args:
         logged: the arrays of an attachment.
-        computed: the arrays that it should hold.
-        robot: its number from 0, which the names hold from 1.
+        computed: the correct arrays.
+        robot: its number from 0; the names have it from 1.
 
     Returns:
         The array with the entry, the logged value, the computed value; None: all are equal.

@@ -33,7 +33,7 @@ class Update(NamedTuple):
         reward: R_k(t).
         star: entry (cell, action) of Q*, its value before and after.
         coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
-        corrections: of a factored learner: the peer (from 0) and its cell, and rho of the move
+        corrections: for a factored learner: the peer (from 0) and its cell, and rho of the move
             there before and after; peer and cell are `NOT_PERCEIVED` for failed percepts.
     """
 
@@ -51,20 +51,20 @@ class Coordination(NamedTuple):
         step: the time step.
         robot: the robot's number.
         cell: the robot's cell.
-        peers: the peers that it had to ask.
+        peers: the peers to ask.
         requests: its requests, in order, with the answers and the wall clock.
         outcome: the end of the percept, in the words of `wire.PerceptEnd`.
         perceived: the cells that it perceived; None: the percept failed.
-        move: the primitive action that COORDINATE became.
+        move: the primitive action after COORDINATE.
         q_values: the four values by which it chose the move: of Q^C at the joint state, after a
-            failed percept of Q* at its cell; empty where they cannot be computed: the robot
-            publishes nothing that it learns, the learner's code may not be imported, or the
-            tables are lost.
-        waiting_move: the move that these values say, where the robot left a stand-off instead;
+            failed percept of Q* at its cell; empty if they cannot be computed: the robot does not
+            publish its tables, the learner's code may not be imported, or the tables are lost.
+        waiting_move: the greedy move of these values, if the robot left a stand-off instead;
             None: it left none, or that is not known.
-        update: the update from it; None where there was none (left out, or the log ends).
+        update: the update from it; None without an update (the robot was left out, or the log
+            ends).
         agrees: whether the agent chooses the logged action.
-        doubt: why the robot may have had other values; None: it had these.
+        doubt: the reason why the robot may have had other values; None: it had these.
     """
 
     step: int
@@ -88,7 +88,7 @@ def coordinations(log: RunLog, robot: int) -> list[int]:
 
 
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination]:
-    """Yield a robot's COORDINATE of each time step at which it chose that.
+    """Yield a robot's COORDINATE of each given time step.
 
     The tables before and after are computed as in `verify`: from the start of the log, or from
     the checkpoint after a gap. The log is followed once for all time steps.
@@ -133,7 +133,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
 def _logged(
     log: RunLog, robot: int, trajectory: Trajectory, place: int
 ) -> Coordination:
-    """Return a COORDINATE as the log holds it, without values and update."""
+    """Return a COORDINATE as logged, without values and update."""
     step = int(trajectory.step[place])
     row = trajectory.row[place]
     asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
@@ -199,12 +199,12 @@ def cell_in_words(run: RunConfig, cell: int | None) -> str:
 
 
 def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
-    """Return the sentence that a robot (from 0) chooses COORDINATE in a cell."""
+    """Return a sentence: a robot (from 0) chooses COORDINATE in a cell."""
     return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
 def leaving_in_words(run: RunConfig) -> str:
-    """Return why a robot does not make the move that its values say, as it left a stand-off."""
+    """Return the reason why a robot that left a stand-off did not make the greedy move."""
     chance, _ = run.scenario.stand_off.numbers
     leaves = f"leaves at random (probability {chance:g})"
     if isinstance(run.known_rule, Factored):
@@ -215,7 +215,7 @@ def leaving_in_words(run: RunConfig) -> str:
 MAY_HAVE_LEFT = (
     "may have left at random: asked twice in a row, and saw that no robot moved"
 )
-"""Of a move whose values are not known."""
+"""The text for a move with unknown values."""
 
 
 def may_have_left(
@@ -225,13 +225,13 @@ def may_have_left(
     answered: Sequence[bool],
     move: int,
 ) -> bool:
-    """Return whether a robot's move may be how it left a stand-off, its values being unknown.
+    """Return whether a robot with unknown values may have left a stand-off by its move.
 
     Args:
         run: the run.
         robot: the robot's number.
-        cells: of all robots, in the time step before and in that of the move.
-        answered: whether it asked and was answered, in both.
+        cells: the cells of all robots, in the time step before and in that of the move.
+        answered: whether it got an answer, in both.
         move: the primitive action.
     """
     before, now = cells
@@ -251,14 +251,14 @@ def move_in_words(
     move: int,
     waiting_move: int | None = None,
 ) -> str:
-    """Return the move that COORDINATE became, and the row of the tables that decided.
+    """Return the move after COORDINATE, and the row of the tables that decided.
 
     Args:
         run: the run.
         cell: the robot's cell; None: the cell, or its tables, are unknown.
         perceived: the cells of the peers that it perceived; None: the percept failed.
         move: the primitive action.
-        waiting_move: the move that the row says, if the robot left a stand-off; else None.
+        waiting_move: the greedy move of the row, if the robot left a stand-off; else None.
     """
     if cell is None:
         return f"goes {ACTIONS[move]}"
@@ -315,7 +315,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
 
 
 def _may_have_left(log: RunLog, one: Coordination) -> bool:
-    """Return as `may_have_left`."""
+    """Return `may_have_left` for a COORDINATE."""
     row = log.row_of[one.step]
     if row == 0 or log.step[row - 1] != one.step - 1:
         return False

@@ -1,10 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Check of the world's messages against a world that makes the logged actions.
+"""Check of the world's messages against a computed world with the logged actions.
 
-`World` makes each step again from the seed and the logged actions. Robots' bodies cannot be
-computed: where robots have them, the logged states are taken, and everything that follows from
-them is compared.
+`World` computes each step again from the seed and the logged actions. The motion of bodies cannot
+be computed: if robots have bodies, the check takes the logged states, and compares everything that
+follows from them.
 
 Map and markers at each episode's start, and messages that are repeated after a silence, are
 checked too.
@@ -35,21 +35,22 @@ from sparse_coord_ros.protocol.wire.status import RunStatus
 
 
 class WorldCheck:
-    """Compares the world's messages with those of a world that makes the logged steps.
+    """Compares the world's messages with those of a computed world.
 
-    The log holds which robots acted: the world rewards exactly those. The others that had not
-    arrived were left out; the status says how many.
+    The rewards in the log show which robots acted: the world rewards exactly those. The others
+    that had not arrived were left out; the status has their number.
 
     Args:
         log: the log.
         interval: the time steps to check; with the last one also the run's end.
 
     Attributes:
-        world: the world, at the last time step that was computed.
-        transitions: steps of the world that agree.
-        left_out: number of (robot, step) that the world made without the robot's action, those
-            before the interval included.
-        resets: episodes that began early: by a reset, or as no robot was left to wait for.
+        world: the world, at the last computed time step.
+        transitions: number of the world's steps that agree.
+        left_out: number of (robot, step) pairs without the robot's action, including those before
+            the interval.
+        resets: number of episodes that began early: by a reset, or as the world had no robot left
+            to wait for.
         starts: the first time steps of the episodes.
         went_on: whether the time step before was a transition.
         reasons: the possible reasons why the episode began.
@@ -87,23 +88,23 @@ class WorldCheck:
         self.lost_copies: Counter[str] = Counter()
         self.starts: list[int] = []
         self.went_on = False
-        self.reasons: tuple[str, ...] = (wire.Began.START,)
+        self.reasons: tuple[str, ...] = (wire.StartReason.START,)
         if interval.start is not None:
             self._go_on_from(interval.start)
         self.first = next(self._made_again(), None)
 
     def _steps_of_world(self) -> list[int]:
-        """Return the time steps of the world; those of actions or percepts alone are none."""
+        """Return the time steps of the world; steps with only actions or percepts do not count."""
         messages = self.log.messages
         of_world = (*messages.states, *messages.rewards, messages.clock)
         steps = np.unique(np.concatenate([series.step for series in of_world]))
         return [step for step in steps.tolist() if self.interval.holds(step)]
 
     def _go_on_from(self, start: Start) -> None:
-        """Go on from a checkpoint."""
+        """Continue from a checkpoint."""
         self.left_out = start.left_out
         self.world.go_on_from(start.position)
-        self.reasons = tuple(wire.Began)
+        self.reasons = tuple(wire.StartReason)
         if start.position.under_way:
             self.starts = [start.position.episode_start]
             self.went_on = True
@@ -120,7 +121,7 @@ class WorldCheck:
         ]
 
     def _made_again(self) -> Iterator[Difference]:
-        """Make the steps, and yield the differences; only the first one means anything."""
+        """Make the steps, and yield the differences; only the first one is valid."""
         for step in self.steps:
             yield from self._arrive(step)
             if step not in self.clock:
@@ -134,7 +135,7 @@ class WorldCheck:
             yield from self._end()
 
     def _arrive(self, step: int) -> Iterator[Difference]:
-        """Come to a time step of the log: the next one, or that of a new episode."""
+        """Go to a time step of the log: the next one, or that of a new episode."""
         world = self.world
         due = world.step
         new_episode = bool(self.starts) and not self.went_on
@@ -167,10 +168,10 @@ class WorldCheck:
     def _reasons(self) -> tuple[str, ...]:
         """Return the possible reasons for the end of the world's episode."""
         if not self.world.episode_over:
-            return wire.Began.RESET, wire.Began.NOBODY_LEFT
+            return wire.StartReason.RESET, wire.StartReason.NOBODY_LEFT
         if all(self.world.arrived):
-            return (wire.Began.ARRIVED,)
-        return (wire.Began.STEPS,)
+            return (wire.StartReason.ARRIVED,)
+        return (wire.StartReason.STEPS,)
 
     def _states(self, step: int) -> Iterator[Difference]:
         """Compare the robots' states with the world's."""
@@ -185,7 +186,7 @@ class WorldCheck:
             log.cells[row, k] = cell
 
     def _other_state(self, step: int, k: int, cell: int) -> Iterator[Difference]:
-        """Yield that a state is not the world's, unless another message of the step is."""
+        """Yield a difference for a wrong state, unless another message of the step is right."""
         series = self.log.messages.states[k]
         logged = self.log.position[self.log.row_of[step], k]
         due = self.centres[cell]
@@ -213,7 +214,7 @@ class WorldCheck:
                 found = self.difference(status.step, None, wire.STATUS.name, *words)
                 wrong.append((status.state, found))
         for state, found in wrong:
-            # Beside a right status of the same state, a wrong one may be a stranger's.
+            # Beside a right status of the same state, a wrong one may be from a foreign node.
             if state in right:
                 self.log.messages.foreign.append(found)
             else:
@@ -255,7 +256,7 @@ class WorldCheck:
     def _other_reward(
         self, step: int, k: int, due: Sequence[float]
     ) -> Iterator[Difference]:
-        """Yield that a reward is not the world's, unless another message of the step is."""
+        """Yield a difference for a wrong reward, unless another message of the step is right."""
         logged = self.log.rewards[self.log.row_of[step], k, : self.parts]
         others = self.log.messages.rewards[k].others.get(step, ())
         if not _take_right(logged, np.array(due, dtype=np.float64), others):
@@ -263,7 +264,7 @@ class WorldCheck:
             yield self.difference(step, k, *words)
 
     def _bodies(self, world: BodyWorld, step: int) -> Iterator[Difference]:
-        """Put the bodies where the next states are; yield the states that are missing."""
+        """Put the bodies into the cells of the next states; yield missing states."""
         after = self.log.row_of.get(step + 1)
         for k in self.robots:
             cell = NONE if after is None else int(self.log.cells[after, k])
@@ -274,7 +275,7 @@ class WorldCheck:
             world.there[k] = cell
 
     def _rewarded(self, step: int, k: int) -> Iterator[Difference]:
-        """Yield why a robot's reward of a time step is impossible."""
+        """Yield a difference if a robot's reward of a time step is impossible."""
         row = self.log.row_of[step]
         world = self.world
         over = world.episode_over or world.transitions == world.scenario.steps
@@ -291,7 +292,7 @@ class WorldCheck:
             yield self.difference(step, k, wire.ACTION.name, logged, "an action")
 
     def _left_out(self, step: int, left: Sequence[int]) -> Iterator[Difference]:
-        """Yield a missing reward or action: the world's status says that it left out fewer."""
+        """Yield a missing reward or action: by its status, the world left out fewer robots."""
         if not self.statuses:
             return
         if self.left_out + len(left) <= self.statuses[0].left_out:
@@ -304,7 +305,7 @@ class WorldCheck:
             yield self.difference(step, left[0], wire.ACTION.name, MISSING, due)
 
     def _end(self) -> Iterator[Difference]:
-        """Check that the log says how the run ended, and ends there."""
+        """Check that the log contains the run's end, and ends there."""
         world = self.world
         status = (self.world.step, None, wire.STATUS.name)
         left = world.scenario.steps - world.transitions
@@ -338,12 +339,12 @@ class WorldCheck:
         """Yield the episode starts without a message of a topic; lost copies are counted.
 
         ROS keeps only the last message of these topics for a slow recorder. So a missing copy is
-        lost if the topic has others, and no stranger's message is there in its place.
+        lost if the topic has others, and no foreign message is in its place.
         """
         name = self.log.messages.topic(topic, k)
         has_others = self.log.bag.counts.get(name, 0) > 0
         until = self.interval.last
-        if until is not None:  # a gap follows: only those before the last copy
+        if until is not None:  # a gap follows: only starts before the last copy count
             until = min(until, int(steps.max(initial=0)))
         for step in sorted(set(self.starts) - set(steps.tolist())):
             if until is not None and step > until:
@@ -359,7 +360,7 @@ class WorldCheck:
                 yield self.difference(step, k, *words)
 
     def _foreign_near(self, step: int, name: str, topic: wire.Topic) -> bool:
-        """Return whether a stranger's message of a topic is near a time step."""
+        """Return whether a foreign message of a topic is near a time step."""
         quantities = (f"topic {name}", f"{topic.name} stamp")
         return any(
             one.step is not None
@@ -369,9 +370,9 @@ class WorldCheck:
         )
 
     def _maps_too_many(self) -> Iterator[Difference]:
-        """Yield maps that come twice, and those of a time step at which no episode begins."""
+        """Yield repeated maps, and maps of time steps at which no episode begins."""
         maps = self.log.messages.maps
-        # A recorder that was started again gets the last map a second time.
+        # A restarted recorder receives the last map a second time.
         restarts = sum(
             (file.continued or {}).get("why", SPLIT) != SPLIT
             for file in self.log.bag.files
@@ -388,7 +389,7 @@ class WorldCheck:
             yield Difference(step, None, *words)
 
     def _markers(self) -> Iterator[Difference]:
-        """Yield markers that show robots in other cells than their states."""
+        """Yield markers whose robots are in other cells than their states."""
         log = self.log
         steps, rows = log.messages.markers
         for step, (_, places) in zip(steps.tolist(), rows.tolist(), strict=True):
@@ -402,7 +403,7 @@ class WorldCheck:
                 yield Difference(step, None, wire.MARKERS.name, logged, computed)
 
     def _repeats(self) -> Iterator[Difference]:
-        """Yield repeated messages that have no reason.
+        """Yield repeated messages without a reason.
 
         The world repeats state and last reward together, to a robot whose action it misses; only
         then the robot repeats its action. A percept is never repeated. A world that went back to
@@ -431,7 +432,7 @@ class WorldCheck:
 
 
 def _bytes_of_robots(numbers: np.ndarray) -> list[list[bytes]]:
-    """Return numbers, shape (T, K, n), as the bytes of each robot's n numbers: [robot][row]."""
+    """Return numbers, shape (T, K, n), as bytes: [robot][row], n numbers each."""
     size = numbers.shape[2] * numbers.itemsize
     found = []
     for k in range(numbers.shape[1]):
@@ -443,10 +444,10 @@ def _bytes_of_robots(numbers: np.ndarray) -> list[list[bytes]]:
 def _take_right(
     logged: np.ndarray, due: np.ndarray, others: Sequence[np.ndarray]
 ) -> bool:
-    """Replace the logged numbers by those of another message if these equal the computed ones.
+    """Replace the logged numbers by those of another message that equal the computed ones.
 
     Returns:
-        True if a message does.
+        True if there is such a message.
     """
     if any(other[1].tobytes() == due.tobytes() for other in others):
         logged[:] = due

@@ -65,7 +65,7 @@ def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference | Un
 def _check_plan(
     robot: AgentCheck, arrays: Mapping[str, np.ndarray], due: Memory, own: Memory
 ) -> Iterator[Difference | Unknown]:
-    """Yield how a robot's plan differs from the computed one.
+    """Yield the differences of a robot's plan from the computed one.
 
     Args:
         robot: the robot's check.
@@ -75,7 +75,7 @@ def _check_plan(
     """
     k = robot.k
     counts = robot.last_counts
-    if counts is None:  # its last tables are missing, and `AgentCheck` says so
+    if counts is None:  # its last tables are missing, which `AgentCheck` reports
         counts = {name: int(arrays.get(f"{COUNT}{name}", 0)) for name in wire.COUNTS}
     entry = first_entry(arrays, saved_arrays({k + 1: due}, counts=counts), k)
     if entry is None:

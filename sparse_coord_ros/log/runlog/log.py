@@ -37,7 +37,7 @@ NONE = -1
 
 
 class RunLog:
-    """A recorded run: T recorded time steps, K robots; -1, False or NaN where a value is missing.
+    """A recorded run: T recorded time steps, K robots; a missing value is -1, False or NaN.
 
     Args:
         messages: the messages of the bag, or of a part of it.
@@ -51,20 +51,20 @@ class RunLog:
         cells: local states X_k(t), shape (T, K), int32.
         position: the same in metres (x east, y north), shape (T, K, 2).
         action: A_k(t), 0 to 3 a move, 4 COORDINATE, shape (T, K), int8.
-        move: the primitive action that it became, shape (T, K), int8.
+        move: the primitive action after it, shape (T, K), int8.
         peer: the asked robot, from 0; NOBODY (-1) for no robot or several, shape (T, K).
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
         rewards: individual, common, ask_cost, total, and the partners of an interaction, as
-            of `core.game.world.Reward`; NaN where the log does not hold them, shape (T, K, 5),
+            of `core.game.world.Reward`; NaN if the log does not contain them, shape (T, K, 5),
             float64.
         numbers: the actions' numbers as logged, by the labels of `wire.ACTION`: shape (T, K, 7),
             float64.
-        tables: by (robot's number, time step); of two of a time step the later.
-        all_tables: all of them, in the order of the log.
+        tables: by (robot's number, time step); of several of a time step the last.
+        all_tables: all recorded tables, in the order of the log.
         requests: the dialogue, in the order of time steps.
-        messages: the messages as given, with their problems.
-        frame: the run's time steps and metres.
+        messages: the given messages, with their problems.
+        frame: converts the run's time steps and metres.
     """
 
     def __init__(self, messages: RunMessages) -> None:
@@ -98,7 +98,7 @@ class RunLog:
         )
 
     def _filled(self, series: Sequence[Series], field: str, width: int) -> np.ndarray:
-        """Return a field of each robot's messages, NaN where none, shape (T, K, width)."""
+        """Return a field of each robot's messages, NaN without a message, shape (T, K, width)."""
         found = np.full((len(self.step), len(self.names), width), np.nan)
         for k, one in enumerate(series):
             values = one.rows[field]
@@ -111,7 +111,7 @@ class RunLog:
         return self.numbers[..., ACTION.column(label)]
 
     def _moves(self) -> np.ndarray:
-        """Return the primitive actions; NONE where the action is malformed or missing."""
+        """Return the primitive actions; NONE for a malformed or missing action."""
         directions = self.numbers[..., :2].reshape(-1, 2).tolist()
         moves = [MOVE_OF.get((east, north), NONE) for east, north in directions]
         found = np.array(moves, dtype=np.int8).reshape(self.cells.shape)
@@ -127,7 +127,7 @@ class RunLog:
         return found
 
     def _perceived_cells(self) -> np.ndarray:
-        """Return the cells that robots perceived, by the robot seen, shape (T, K, K)."""
+        """Return the cells that robots perceived, by the perceived robot, shape (T, K, K)."""
         robots = range(len(self.names))
         found = np.full((*self.cells.shape, len(robots)), NONE, dtype=np.int32)
         for k, percepts in enumerate(self.messages.percepts):
@@ -170,7 +170,7 @@ class RunLog:
 
     @property
     def gaps(self) -> list[LostSteps]:
-        """The gaps, in order; the last one has no end where the log breaks off."""
+        """The gaps, in order; the last one has no end if the log breaks off."""
         messages = self.messages
         found = sorted(messages.gaps)
         if not messages.broken_off:
@@ -184,7 +184,7 @@ class RunLog:
     def losses(self) -> list[str]:
         """The unreadable parts of the bag and the gaps in its time steps, one line each.
 
-        An unreadable part may hold no message of any time step.
+        An unreadable part may contain no message of a time step.
         """
         found = [gap_in_words(gap, self.frame.period) for gap in self.bag.gaps]
         for gap in self.gaps:
@@ -196,7 +196,7 @@ class RunLog:
 
     @property
     def why_broken_off(self) -> str:
-        """Why the log has no end; empty where it has one."""
+        """The reason why the log has no end; empty if it has one."""
         if not self.messages.broken_off:
             return ""
         if self.messages.ended:
@@ -210,12 +210,12 @@ class RunLog:
 
     @property
     def ended(self) -> np.ndarray:
-        """How percepts ended: numbers of `wire.PerceptEnd`, NaN where none, shape (T, K)."""
+        """The ends of percepts, by `wire.PerceptEnd`; NaN without a percept; shape (T, K)."""
         return self._number(PERCEPT.name)
 
     @property
     def has_learned(self) -> np.ndarray:
-        """1 where an action says that its robot learned from the one before, shape (T, K)."""
+        """1 if an action reports that its robot learned from the one before, shape (T, K)."""
         return self._number("learned")
 
     @cached_property
@@ -224,7 +224,7 @@ class RunLog:
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
     def why_not_computed(self, k: int) -> str | None:
-        """Return why a robot's actions cannot be computed: it publishes nothing that it learns.
+        """Return the reason if a robot's actions cannot be computed: it publishes no tables.
 
         Args:
             k: the robot's number.
@@ -267,7 +267,7 @@ class RunLog:
             RunError: pandas is not installed.
         """
         count, robots = self.cells.shape
-        # A missing cell or action has index -1, which finds the padding at the end.
+        # A missing cell or action has index -1, which selects the padding at the end.
         grid = np.array([*self.run.scenario.map.cells, (NONE, NONE)])[self.cells]
         called = np.array([*ACTIONS, None], dtype=object)
         columns = {
@@ -299,13 +299,13 @@ class RunLog:
     def history(self) -> History:
         """Return the learning history: each episode as far as the log goes.
 
-        An episode that a gap cuts is left out, as its length is unknown.
+        An episode with a gap is left out, as its length is unknown.
         """
         scenario = self.run.scenario
         goals = np.array([robot.goal for robot in scenario.robots])
         rewarded = ~np.isnan(self.reward[..., -1])
         made = rewarded.any(axis=1)
-        # A transition counts if the log also holds the state after it.
+        # A transition counts if the log also contains the state after it.
         made[:-1] &= np.diff(self.step) == 1
         made[-1:] = False
         for gap in self.messages.gaps:
@@ -343,7 +343,7 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
         places: in metres, shape (..., 2).
 
     Returns:
-        The cells, `NONE` where a position is in no free cell, int32, shape (...).
+        The cells, `NONE` for a position in no free cell, int32, shape (...).
     """
     pairs = np.ascontiguousarray(places).view(np.complex128)[..., 0]
     different, which = np.unique(pairs, return_inverse=True)
@@ -358,7 +358,7 @@ def read_run(path: Path) -> RunLog:
     Of an unfinished or damaged file everything outside of its gaps is read.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run, or is of another format.
+        BagError: the bag cannot be read, contains no run, or has another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     return RunLog(read_messages(Path(path)))

@@ -19,7 +19,7 @@ Place = tuple[float, float]
 
 
 def percept_end(code: float) -> str:
-    """Return the end of a percept in the words of `PerceptEnd`, by the number in the action."""
+    """Return the end of a percept in the words of `PerceptEnd`, from the number in the action."""
     end = PerceptEnd.said(code)
     return f"percept={code:g}" if end is None else end.words
 
@@ -58,7 +58,7 @@ class _PerceptCheck:
 
     Args:
         log: the log.
-        trajectories: as of `check_percepts`.
+        trajectories: as in `check_percepts`.
     """
 
     def __init__(self, log: RunLog, trajectories: Sequence[Trajectory]) -> None:
@@ -119,7 +119,7 @@ class _PerceptCheck:
         if here is None or own != self.frame.centres[here]:
             yield self.difference(step, k, "percept own", f"{own}", f"cell {here}")
             return
-        if due is None:  # the world's check names the missing state
+        if due is None:  # the world's check reports the missing state
             return
         where = [one.where for one in due]
         if not seen or seen == where:
@@ -164,7 +164,7 @@ class _PerceptCheck:
     def _due_answers(
         self, k: int, step: int, peers: Sequence[int]
     ) -> list[_DueAnswer] | None:
-        """Return the answers that peers must give; None where the log lacks a state."""
+        """Return the answers that peers must give; None if the log lacks a state."""
         here = self._cell(k, step)
         found = []
         for peer in peers:
@@ -179,7 +179,7 @@ class _PerceptCheck:
     def _refused(
         self, k: int, step: int, due: Sequence[_DueAnswer]
     ) -> Iterator[Difference]:
-        """Check that peers answered one after the other, up to one that refused or was further."""
+        """Check that peers answered in order, up to one that refused or was at a later step."""
         for one in due:
             answers = self._answers(k, one.peer, step)
             if any(answer is not None and answer[0] > step for answer in answers):
@@ -193,8 +193,7 @@ class _PerceptCheck:
     def _answer(self, k: int, step: int, due: _DueAnswer) -> Iterator[Difference]:
         """Check that a peer gave the due answer to one of the requests.
 
-        A robot that is too busy to look at an answer asks again, and then looks at the answer that
-        had come.
+        A robot that is too busy to read an answer asks again, and then reads the earlier answer.
         """
         answers = self._answers(k, due.peer, step)
         if (step, due.where) in answers:
@@ -209,7 +208,7 @@ class _PerceptCheck:
         return [request.answer for request in self.heard.get((k, peer, step), [])]
 
     def _request(self, request: Request) -> Iterator[Difference]:
-        """Check that the four events of an answered request are there, agree and are true."""
+        """Check that the four events of an answered request exist, agree and are true."""
         k = request.asker
         step = request.step
         quantity = self._dialogue_with(request.peer)
@@ -240,7 +239,7 @@ class _PerceptCheck:
         return f"{DIALOGUE} with {self.log.names[peer]}"
 
     def _cell(self, k: int, step: int) -> int | None:
-        """Return a robot's cell; None where the log does not hold it."""
+        """Return a robot's cell; None if the log does not contain it."""
         row = self.log.row_of.get(step)
         if row is None:
             return None

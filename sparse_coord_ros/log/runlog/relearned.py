@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A team's tables at any time step: learned again from the recorded checkpoint before it."""
+"""A team's tables at any time step, learned again from the recorded checkpoint before it."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -18,17 +18,17 @@ from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire
 
 AT_ONCE = 2000
-"""Number of time steps that are read and learned again together."""
+"""Number of time steps that are read and learned again at once."""
 
 MOST_BYTES = 100_000_000
-"""About the most bytes of kept tables; the oldest ones are dropped first."""
+"""Approximate limit of the bytes of kept tables; the oldest ones are dropped first."""
 
 
 TablesThen = dict[int, tuple[int, Tables]]
-"""By robot: the time step up to which it had learned, and its tables then."""
+"""By robot: a time step, and its tables with the learning up to it."""
 
 
-class Asked(NamedTuple):
+class AskedQuestion(NamedTuple):
     """A question and its percept.
 
     Attributes:
@@ -43,11 +43,11 @@ class Asked(NamedTuple):
 
 
 class Reason(NamedTuple):
-    """Why a robot that asked made its move.
+    """The reason for the move of a robot that asked.
 
     Attributes:
-        values: of the four moves, as `explain` has them.
-        move: the move that they say; the robot made another one if it left a stand-off.
+        values: the values of the four moves, as in `explain`.
+        move: their greedy move; the robot made another one if it left a stand-off.
     """
 
     values: tuple[float, ...]
@@ -59,8 +59,8 @@ class _Part(NamedTuple):
 
     Attributes:
         first: its first time step.
-        steps: of each robot the time steps of its actions.
-        replays: of each robot.
+        steps: for each robot the time steps of its actions.
+        replays: for each robot its replay.
     """
 
     first: int
@@ -68,7 +68,7 @@ class _Part(NamedTuple):
     replays: list[Replay]
 
     def advance(self, step: int) -> bool:
-        """Go on to a time step; return whether the agents chose all logged actions."""
+        """Advance to a time step; return whether the agents chose all logged actions."""
         pairs = zip(self.steps, self.replays, strict=True)
         return all(
             [one.advance(int(np.searchsorted(steps, step))) for steps, one in pairs]
@@ -97,14 +97,14 @@ class Relearned:
     def tables(self, step: int, still: Callable[[], bool] = lambda: True) -> TablesThen:
         """Return, by robot, its tables and the time step up to which it had learned them.
 
-        The time step is `step`. Where a part of the log is lost or incomplete, or the learner's
-        code may not be imported, it is that of the newest recorded tables. A robot without any is
-        left out. The next call may change these tables.
+        The time step is `step`. If a part of the log is lost or incomplete, or the learner's code
+        may not be imported, it is that of the newest recorded tables. A robot without any is left
+        out. The next call may change these tables.
 
         Args:
             step: the time step.
-            still: returns whether the tables are still wanted; if not, the newest recorded tables
-                will do.
+            still: returns whether the tables are still needed; if not, the newest recorded tables
+                are returned.
 
         Raises:
             BagError, TablesError: the log or its tables cannot be read.
@@ -119,7 +119,7 @@ class Relearned:
         return {one.agent.number: (step, one.agent.tables) for one in part.replays}
 
     def begin(self, step: int) -> int:
-        """Return the time step from which on the tables of another one are learned again."""
+        """Return the first time step of the log that is learned again for the tables of `step`."""
         first = self._first(step)
         if first is None:
             return step
@@ -135,19 +135,19 @@ class Relearned:
     def reasons(
         self,
         step: int,
-        asked: Sequence[Asked],
+        asked: Sequence[AskedQuestion],
         still: Callable[[], bool] = lambda: True,
     ) -> list[Reason] | None:
-        """Return why robots that ask at a time step made their moves.
+        """Return the reasons for the moves of robots that ask at a time step.
 
         Args:
             step: the time step.
             asked: the questions then, with their percepts.
-            still: as of `tables`.
+            still: as in `tables`.
 
         Returns:
-            Of each question the reason; None where the tables of that time step cannot be
-            learned again.
+            The reason for each question; None if the tables of that time step cannot be learned
+            again.
 
         Raises:
             BagError, TablesError: the log or its tables cannot be read.
@@ -160,7 +160,7 @@ class Relearned:
         return [_reason(agents[one.robot], step, one) for one in asked]
 
     def _agents(self, step: int, still: Callable[[], bool]) -> dict[int, Agent]:
-        """Return the robots' agents as they were at a time step; none where it is unknown."""
+        """Return the robots' agents at a time step; empty if they are unknown."""
         part = self._reached(step, still)
         return (
             {}
@@ -170,7 +170,7 @@ class Relearned:
 
     @cached_property
     def _standing(self) -> dict[int, Agent]:
-        """Agents with the tables of a run in which no robot learns."""
+        """The agents of a run in which no robot learns."""
         run = self._log.run
         return {
             one.robot: Agent(
@@ -185,7 +185,7 @@ class Relearned:
         }
 
     def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
-        """Return a part that has been learned again up to a step; None where that cannot be."""
+        """Return a part that has been learned again up to a step; None if that is impossible."""
         first = self._first(step)
         if first is None:
             return None
@@ -201,7 +201,7 @@ class Relearned:
             and part.advance(min(step, part.first + AT_ONCE))
         ):
             if step < part.first + AT_ONCE:
-                # this time step may be asked for again
+                # the tables of this time step may be needed again
                 if sought and step > part.first:
                     self._keep(part, step)
                 self._part = part
@@ -214,7 +214,7 @@ class Relearned:
         """Begin a part; None if some of it is lost."""
         first = saved[0].step
         wait = self._log.run.scenario.max_steps + EPISODE_GAP
-        # The state before the first one says whether an episode begins there.
+        # The state before the first one shows whether an episode begins there.
         log = self._log.read(
             max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT]
         )
@@ -222,7 +222,7 @@ class Relearned:
             return None
         done = [trajectory_of(log, one.robot, Interval(first)) for one in saved]
         for one in done:
-            # No later action says whether the robot learned from the last one.
+            # No later action shows whether the robot learned from the last one.
             one.learned[-1:] |= one.told[-1:]
         pairs = zip(done, saved, strict=True)
         replays = [
@@ -243,8 +243,8 @@ class Relearned:
         return saved
 
 
-def _reason(agent: Agent, step: int, asked: Asked) -> Reason:
-    """Return why an agent that asked made its move."""
+def _reason(agent: Agent, step: int, asked: AskedQuestion) -> Reason:
+    """Return the reason for the move of an agent that asked."""
     values = agent.values_asking(asked.cell, asked.perceived)
     move = agent.move_if_it_waits(step, asked.cell, asked.perceived)
     return Reason(tuple(values[:PRIMITIVES]), move)

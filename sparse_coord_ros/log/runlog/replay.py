@@ -3,9 +3,8 @@
 """Replays a log: intervals between gaps, a robot's trajectory in one, and its agent.
 
 Learning in a gap is unknown. The computation continues at the next time step for which the log
-holds all robots' tables with their counts of updates: these are taken as they are
-recorded. The world's position then follows from states and status. Random draws belong to time
-steps.
+contains all robots' tables with their counts of updates: the recorded tables are its beginning.
+The world's position then follows from states and status. Random draws belong to time steps.
 """
 
 import struct
@@ -33,7 +32,7 @@ class Start(NamedTuple):
 
     Attributes:
         position: the world's position.
-        left_out: how many robots' steps the world had made without them.
+        left_out: number of (robot, step) pairs without the robot's action until then.
         recorded: each robot's tables.
     """
 
@@ -43,13 +42,13 @@ class Start(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """Time steps that can be computed again, or those that cannot because of a gap.
+    """Time steps that can be computed again, or that cannot because of a gap.
 
     Attributes:
         first: the first time step; 0: from the run's beginning.
         last: the last time step; None: up to the run's end.
-        start: None at the run's beginning.
-        lost: they cannot be computed: they lie between a gap and the next checkpoint.
+        start: its beginning; None: the run's beginning.
+        lost: the steps cannot be computed: they are between a gap and the next checkpoint.
     """
 
     first: int = 0
@@ -84,7 +83,7 @@ def fresh_agent(log: RunLog, k: int, memory: Memory, interval: Interval) -> Agen
 
 
 def restored(log: RunLog, recorded: RecordedTables) -> Agent:
-    """Return an agent that goes on from recorded tables."""
+    """Return an agent that continues from recorded tables."""
     return fresh_agent(log, recorded.robot, recorded.tables.memory, Interval())
 
 
@@ -133,7 +132,7 @@ def _start(
         recorded: each robot's tables of the checkpoint.
 
     Returns:
-        None where the log does not hold the world's position then.
+        None if the log does not contain the world's position then.
     """
     episode_start = _episode_start(log, at, after)
     counts = _counts_at(log, at, after)
@@ -176,9 +175,9 @@ def _episode_start(log: RunLog, at: int, after: int) -> int | None:
 
 
 def _counts_at(log: RunLog, at: int, after: int) -> tuple[int, int] | None:
-    """Return how many transitions the world had made at a time step, and steps without a robot.
+    """Return the numbers of transitions, and of steps without a robot's action, up to a time step.
 
-    The next status says both, and the log holds the transitions between.
+    The next status has both, and the log contains the transitions between.
 
     Args:
         log: the log.
@@ -186,7 +185,7 @@ def _counts_at(log: RunLog, at: int, after: int) -> tuple[int, int] | None:
         after: counts of a status up to this time step must not be higher.
 
     Returns:
-        None where the log does not hold them, or contradicts itself.
+        None if the log does not contain them, or contradicts itself.
     """
     statuses = log.messages.statuses
     later = [one for one in statuses if one.step >= at]
@@ -221,12 +220,12 @@ class Trajectory(NamedTuple):
     Attributes:
         row: the row of the time step in the log's arrays, shape (n,).
         step: the time step, shape (n,).
-        cell, next_cell: the robot's cell then and a step later; NONE where the log does not hold
+        cell, next_cell: the robot's cell then and a step later; NONE if the log does not contain
             it; shape (n,).
         peers: the peers that it asks if it chooses COORDINATE, shape (n, number of them).
-        seen: the cells in which it perceived them, shape (n, number of them); NONE in all where
-            it did not.
-        told: whether the log holds the reward and both states, shape (n,).
+        seen: the cells in which it perceived them, shape (n, number of them); all NONE if it did
+            not.
+        told: whether the log contains the reward and both states, shape (n,).
         learned: whether the robot learned from the action, shape (n,).
         begins: whether an episode begins with the action, shape (n,).
     """
@@ -250,8 +249,8 @@ class Trajectory(NamedTuple):
 def trajectory_of(log: RunLog, k: int, interval: Interval) -> Trajectory:
     """Return robot k's trajectory from an interval's beginning on.
 
-    It ends before the first malformed action or missing state. Where time steps are lost these
-    are left out.
+    It ends before the first malformed action or missing state. If time steps are lost, such
+    actions are left out.
     """
     rows = _rows_of_actions(log, k, interval)
     step = log.step[rows]
@@ -289,7 +288,7 @@ def _rows_of_actions(log: RunLog, k: int, interval: Interval) -> np.ndarray:
 
 
 def _next_cells(log: RunLog, k: int, rows: np.ndarray) -> np.ndarray:
-    """Return a robot's cells a time step later, shape (n,); NONE where they are not logged."""
+    """Return a robot's cells a time step later, shape (n,); NONE if they are not logged."""
     after = np.minimum(rows + 1, len(log.step) - 1)
     follows = log.step[after] == log.step[rows] + 1
     return np.where(follows, log.cells[after, k], NONE)
@@ -298,7 +297,7 @@ def _next_cells(log: RunLog, k: int, rows: np.ndarray) -> np.ndarray:
 def _learned(log: RunLog, k: int, rows: np.ndarray, interval: Interval) -> np.ndarray:
     """Return whether a robot learned from each of its actions, shape (n,).
 
-    The next action says it; of the last action the counts beside the tables say it.
+    The next action reports it; for the last action the counts beside the tables show it.
     """
     learned = np.zeros(len(rows), dtype=bool)
     if not len(rows):
@@ -325,7 +324,7 @@ def _peers_to_ask(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
 
 
 def _seen_cells(log: RunLog, k: int, rows: np.ndarray, peers: np.ndarray) -> np.ndarray:
-    """Return the cells in which a robot perceived its peers, NONE in all where it did not."""
+    """Return the cells in which a robot perceived its peers; all NONE if it did not."""
     percepts = log.messages.percepts[k]
     whole = percepts.step[percepts.rows["count"] == 1 + peers.shape[1]]
     perceived = np.isin(log.step[rows], whole)[:, None]
@@ -340,12 +339,12 @@ class Replay:
     Args:
         log: the log.
         trajectory: the robot's trajectory.
-        agent: the robot's agent as it was at the beginning.
+        agent: the robot's agent at the beginning.
 
     Attributes:
         agent: it has learned from all actions before `reached` from which the robot learned.
         reached: the next action, not yet chosen.
-        other: the agent's action at `reached` where the log holds another one; else None.
+        other: the agent's action at `reached` if the log contains another one; else None.
     """
 
     def __init__(self, log: RunLog, trajectory: Trajectory, agent: Agent) -> None:
@@ -356,7 +355,7 @@ class Replay:
         self._trajectory = trajectory
 
     def advance(self, to: int) -> bool:
-        """Go on to an action; return whether the agent chose all logged actions before it."""
+        """Advance to an action; return whether the agent chose all logged actions before it."""
         if self.reached >= to or self.other is not None:
             return self.other is None
         agent = self.agent
@@ -396,7 +395,7 @@ class Replay:
 def _rewards(logged: np.ndarray) -> list[Reward]:
     """Return logged rewards, shape (n, 5), in the form that agents take."""
     partners = logged[:, -1]
-    # a forged log may hold any number
+    # a forged log may contain any number
     possible = (partners >= 0) & (partners < 2.0**53)
     known = np.where(possible, partners, UNKNOWN_PARTNERS).astype(np.int64)
     columns = (*logged[:, :-1].T.tolist(), known.tolist())

@@ -42,7 +42,7 @@ THE_CLOCK = wire.CLOCK.name
 
 
 class Series(NamedTuple):
-    """The messages of a topic that has one message a time step.
+    """The messages of a topic with one message a time step.
 
     Attributes:
         step: their time steps, ascending, shape (n,).
@@ -58,11 +58,11 @@ class Series(NamedTuple):
 
 
 OF_NO_RUN = RunStatus("none", "", 0, 0)
-"""In place of a status that names no run: every world's status names one."""
+"""In place of a status without a run: every world's status names its run."""
 
 
 def _read_status(message: Any) -> RunStatus:
-    """Return a decoded status; ValueError where it names a run and lacks another value."""
+    """Return a decoded status; ValueError if it names a run and lacks another value."""
     return read_status(message) if "run" in values_of(message) else OF_NO_RUN
 
 
@@ -80,27 +80,27 @@ class RunMessages:
         prefix: the beginning of the names of the run's topics.
         names: the robots.
         clock_topic: the full name of the clock's topic.
-        forms: the run's topics by their full names, and how their messages are read.
-        states, rewards, actions, percepts: of each robot. Rows of states have `xy`; of rewards and
-            actions `numbers`, in the order of their labels; of percepts `count` positions
-            `places`, the own one first.
+        forms: the run's topics by their full names, each with its `Reading`.
+        states, rewards, actions, percepts: the messages of each robot. Rows of states have `xy`;
+            of rewards and actions `numbers`, in the order of their labels; of percepts `count`
+            positions `places`, the own one first.
         clock: the messages of the clock.
         maps: time steps, in the order of the log.
-        markers: the same, with the robots' positions `places`; none, where their stamps are no
-            time steps.
-        coordination_maps: of each robot, with the grid's `data`.
-        statuses: of the world, in the order of the log.
-        ended: whether the world's last status is the end of the run. Where only a part is read it
-            is True.
+        markers: the same, with the robots' positions `places`; empty if their stamps are not time
+            steps.
+        coordination_maps: those of each robot, with the grid's `data`.
+        statuses: the world's statuses, in the order of the log.
+        ended: whether the world's last status is the end of the run. If only a part is read it is
+            True.
         requests: the dialogue.
-        rosout: the decoded messages of `ROSOUT`, if it was asked for.
+        rosout: the decoded messages of `ROSOUT`, if `only` includes it.
         tables: the attached tables.
         stalls: pauses in which the recorder did not run.
         rollbacks: returns of the team to a checkpoint; superseded messages are left out.
-        gaps: the time steps that the log lacks before its end; unordered.
+        gaps: the missing time steps before the log's end; unordered.
         problems: the errors in messages and attachments.
-        foreign: messages that are not the run's, or come twice in two ways: they may be a
-            stranger's.
+        foreign: messages that are not the run's, or that exist in two versions: a foreign node may
+            have sent them.
     """
 
     def __init__(self, bag: Bag, found: BagRun, only: Only = None) -> None:
@@ -147,7 +147,7 @@ class RunMessages:
         ]
 
     def _forms(self) -> Forms:
-        """Return the run's topics by their full names, and how their messages are read."""
+        """Return the run's topics by their full names, each with its `Reading`."""
         run = self.run
         frame = Frame(self.run)
         rewards = messages.REWARD_FORM
@@ -183,7 +183,7 @@ class RunMessages:
 
     @property
     def incomplete(self) -> bool:
-        """True if a part of the run may not be in the log."""
+        """True if a part of the run may be missing in the log."""
         return self.lossy or not self.ended
 
     @property
@@ -238,7 +238,7 @@ class RunMessages:
     # Gaps.
 
     def _of_files(self, topic: wire.Topic, k: int | None = None) -> list[np.ndarray]:
-        """Return the rows of a topic, of each file."""
+        """Return the rows of a topic, for each file."""
         return [rows[self.topic(topic, k)] for rows in self._files]
 
     def _gaps_between_files(
@@ -257,7 +257,7 @@ class RunMessages:
         return timeline.gaps(self.bag, clocks, heard, self._backs, last_status)
 
     def _take_jumps(self, jumps: Sequence[timeline.Jump]) -> None:
-        """Take jumps in the sequence numbers as gaps; in a log without loss they are problems."""
+        """Count jumps in the sequence numbers as gaps; in a log without loss they are problems."""
         if not self.lossy:
             self.problems += [jump.difference for jump in jumps]
             return
@@ -266,7 +266,7 @@ class RunMessages:
         self.gaps = timeline.with_jumps(self.gaps, of_steps, self._period)
 
     def _heard_from(self, place: int) -> int:
-        """Return the time step from which on a file holds the actions of all rewarded robots."""
+        """Return the time step from which on a file has the actions of all rewarded robots."""
         heard = 0
         for k in range(len(self.names)):
             actions = self._of_files(wire.ACTION, k)[place]
@@ -282,7 +282,7 @@ class RunMessages:
     # Topics with one message a time step.
 
     def _rows(self, topic: wire.Topic, k: int | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the time steps and rows of a topic; a stamp beside a time step is foreign."""
+        """Return the time steps and rows of a topic; a stamp between time steps is foreign."""
         rows = timeline.without_superseded(
             self._of_files(topic, k),
             self._backs,
@@ -311,9 +311,9 @@ class RunMessages:
         return [self._series(topic, k) for k in range(len(self.names))]
 
     def _series(self, topic: wire.Topic, k: int | None = None) -> Series:
-        """Return the messages of a topic that has one message a time step.
+        """Return the messages of a topic with one message a time step.
 
-        Of several messages of a time step the first one counts, those out of order last.
+        Of several messages of a time step the first one counts; messages out of order come last.
         """
         steps, rows = self._rows(topic, k)
         if (np.diff(steps) > 0).all():
@@ -350,8 +350,8 @@ class RunMessages:
     def _leave_out_foreign_steps(self) -> None:
         """Leave out messages of steps that do not belong to the run.
 
-        Steps are numbered from 1. A step with messages of only one topic may be a stranger's. Near
-        a lost part and at the end of the log, messages may be missing.
+        Steps are numbered from 1. A step with messages of only one topic may come from a foreign
+        node. Near a lost part and at the end of the log, messages may be missing.
         """
         heard = [self.clock, *self.states]
         if self.lossy or not all(len(series.step) for series in heard):
@@ -375,7 +375,7 @@ class RunMessages:
     def _only(
         self, steps: np.ndarray, series: Series, topic: wire.Topic, k: int | None = None
     ) -> Series:
-        """Return the messages of some time steps; the others may be a stranger's."""
+        """Return the messages of some time steps; note the others as foreign."""
         mine = np.isin(series.step, steps)
         if mine.all():
             return series
@@ -407,7 +407,7 @@ class RunMessages:
         return steps, rows
 
     def _markers(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the time steps and rows of the markers; none if they have no stamps of steps."""
+        """Return the time steps and rows of the markers; empty if their stamps are not steps."""
         if self.run.markers_tell_steps:
             return self._several(wire.MARKERS)
         topic = self.topic(wire.MARKERS)
@@ -418,14 +418,14 @@ class RunMessages:
     # The world's status.
 
     def _own_statuses(self) -> Iterator[RunStatus]:
-        """Yield the statuses of the run that no roll-back supersedes; note those of others."""
+        """Yield the statuses of the run that no roll-back supersedes; note foreign ones."""
         for place, rows in enumerate(self._of_files(wire.STATUS)):
             for status in rows:
                 if self._is_foreign(status):
                     words = f"of run {status.run!r}", self.run.id or "this one"
                     self.foreign.append(_of_status(status, *words))
                     continue
-                # A world that is yet to go back does not know where the team is.
+                # A world that has not gone back yet does not know the team's time step.
                 knows = status.state != RunState.RESUMING
                 if knows and not timeline.superseded(place, status.step, self._backs):
                     yield status
@@ -458,7 +458,7 @@ class RunMessages:
     # The dialogue.
 
     def _read_dialogue(self) -> None:
-        """Put the dialogue together; of the files before and after a roll-back by themselves."""
+        """Assemble the dialogue; files before and after a roll-back separately."""
         events = [
             self._of_files(wire.SERVICE_EVENTS, k) for k in range(len(self.names))
         ]
@@ -477,10 +477,10 @@ class RunMessages:
         back: timeline.Rollback | None,
         later: Sequence[timeline.Rollback],
     ) -> None:
-        """Put the dialogue between two roll-backs together.
+        """Assemble the dialogue between two roll-backs.
 
         Args:
-            events: of each asked robot.
+            events: the events of each asked robot.
             back: the roll-back before, or None.
             later: the roll-backs after; events that they supersede are left out.
         """
@@ -525,10 +525,10 @@ def read_messages(path: Path) -> RunMessages:
 
 
 def may_be_asked_before(step: int, back: timeline.Rollback | None) -> bool:
-    """Return whether an answer of a time step may be to a question from before a roll-back.
+    """Return whether an answer of a time step may belong to a question from before a roll-back.
 
-    A question that was under way then is answered from its own time step, or from the checkpoint
-    by a robot that has already gone back. Its request is not in the files after the roll-back.
+    The answer to a question that was pending then is of its own time step, or of the checkpoint if
+    the asked robot has already gone back. Its request is not in the files after the roll-back.
     """
     if back is None:
         return False
@@ -547,11 +547,11 @@ def asked_before(request: Request, back: timeline.Rollback | None) -> bool:
 
 
 def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:
-    """Return a mask of the time steps in a longest sequence that never falls, bool.
+    """Return a mask of the time steps in a longest non-decreasing sequence, bool.
 
     Args:
         steps: in the order of the log, shape (n,).
-        each_once: in a log with a fall, a step that comes again makes no sequence longer.
+        each_once: if the steps decrease somewhere, a repeated step does not count in the length.
     """
     count = len(steps)
     if (np.diff(steps) >= 0).all():

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time line of a bag with several files: roll-backs and gaps.
 
-A team that goes back to a checkpoint does some time steps again. The recorder then begins another
-file, which says where the run goes on. The messages of these steps in the files before are
-superseded: they are left out.
+A team that goes back to a checkpoint makes some time steps again. The recorder then begins another
+file, with a record of the step from which the run continues. It supersedes the messages of these
+steps in the files before: they are left out.
 """
 
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ class Stall(NamedTuple):
     """A pause in which a recorder did not run.
 
     Attributes:
-        step: the time step from which on messages may be lost.
+        step: the first time step whose messages may be lost.
         seconds: the length of the pause.
     """
 
@@ -96,7 +96,7 @@ def _number(text: str) -> int:
 def rollbacks(bag: Bag) -> list[Rollback]:
     """Return the roll-backs of a bag, `until` still unknown.
 
-    Malformed records are left out. The log then differs, as steps come twice.
+    Malformed records are left out. `verify` then finds differences, as steps come twice.
     """
     found = []
     for place, file in enumerate(bag.files[1:], start=1):
@@ -123,10 +123,10 @@ def without_superseded(
     """Return the rows of one topic, without those that a roll-back superseded.
 
     Args:
-        files: rows with the field `ns`, of each file.
+        files: for each file its rows, with the field `ns`.
         backs: the roll-backs.
         period: nanoseconds of a time step.
-        checkpoints: the topic also has messages of a roll-back's checkpoint.
+        checkpoints: whether the topic also has messages of a roll-back's checkpoint.
     """
     rows = files[0]
     rollback_of = {back.file: back for back in backs}
@@ -143,7 +143,7 @@ def without_superseded(
 
 
 def _without_late(rows: np.ndarray) -> np.ndarray:
-    """Leave out the late messages at a file's begin, which were sent before the roll-back."""
+    """Leave out the late messages at a file's beginning, which were sent before the roll-back."""
     falls = np.flatnonzero(np.diff(rows["ns"]) < 0)
     if not len(falls):
         return rows
@@ -172,17 +172,17 @@ def gaps(
 ) -> tuple[list[LostSteps], list[Rollback]]:
     """Return the gaps between the files of a bag, and the roll-backs with their `until`.
 
-    A recorder that came back numbers the clock's messages on, so only their time steps show what
-    it missed.
+    A recorder that came back continues the numbers of the clock's messages, so only their time
+    steps show the missed ones.
 
     Args:
         bag: the bag.
-        clocks: time steps of the clock, of each file.
-        heard: the time step from which on the recorder heard all robots, of each file. A recorder
-            that comes back may hear the world before it hears a robot.
+        clocks: for each file the time steps of the clock.
+        heard: for each file the first time step from which the recorder received all robots. A
+            recorder that comes back may receive the world's messages before a robot's.
         backs: the roll-backs.
-        last_status: the time step of the world's last status. A recorder that comes back after
-            the run's end hears only that.
+        last_status: the time step of the world's last status. A recorder that comes back after the
+            run's end receives only that.
     """
     rollback_of = {back.file: back for back in backs}
     found: list[LostSteps] = []
@@ -214,14 +214,14 @@ def gaps(
 def with_jumps(
     known: Sequence[LostSteps], jumps: Sequence[Jump], period: int
 ) -> list[LostSteps]:
-    """Return gaps, the known ones and those that jumps in the sequence numbers show.
+    """Return gaps: the known ones, and the gaps at jumps in the sequence numbers.
 
     Topics of every step show a gap exactly, so the narrowest jump is taken first. A wider jump
     around a gap that is already known, as of a topic with few messages, is left out.
 
     Args:
         known: gaps.
-        jumps: those of the topics of every step.
+        jumps: the jumps of the topics with a message at every step.
         period: nanoseconds of a time step.
     """
     found = list(known)
@@ -244,7 +244,7 @@ def _near(gap: LostSteps, first: int, last: int) -> bool:
 
 
 def gap_in_words(gap: Gap, period: int) -> str:
-    """Return a gap of a bag in words, with its reason and about which time steps it holds."""
+    """Return a gap of a bag in words, with its reason and its approximate time steps."""
     first = "the beginning" if gap.first_ns is None else gap.first_ns // period
     last = "the end" if gap.last_ns is None else gap.last_ns // period
     return f"{gap.text}; about time steps {first} to {last}"

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`.
 
-There are three answers. A run is identical; it differs at a time step in a quantity; or it is
-undecided from a time step on, for a reason. The reasons are a lost part of the log, code that may
-not be imported, a robot or world that came back without the team going back with it, and a missing
-message that an honest run may lack.
+There are three results. A run is identical; it differs at a time step in a quantity; or it is
+undecided from a time step on, for a reason. A run is undecided if a part of the log is lost, if
+code may not be imported, if a robot or the world came back without a roll-back of the team, or if
+a message is missing that an honest run may lack.
 """
 
 from collections import Counter
@@ -43,7 +43,7 @@ LOST_COPIES = "lost copies on "
 REPEATS = "messages repeated after a silence"
 RESETS = "episodes that began early (reset, or no robot left)"
 UNLEARNED = "transitions from which a robot did not learn"
-"""Names of the notes; after `LOST_COPIES` comes a topic."""
+"""Names of the notes; a topic follows `LOST_COPIES`."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,16 @@ class Verification:
 
     Attributes:
         log: the log.
-        differences: in the order of time; of each robot's agent and of the world only the first
-            one, as all later ones follow from it.
+        differences: in the order of time; for each robot's agent and the world only the first one,
+            as all later ones follow from it.
         unknown: the parts that cannot be verified, in the order of time.
         notes: counts, by name, of irregularities that an honest run may have: foreign messages,
-            lost copies of a topic, robots' steps without their action. They change no answer.
-        steps: transitions of the world that were computed again and agree.
-        choices: actions that were computed again and agree.
-        updates: updates of tables that were computed again.
-        tables: recorded tables that were compared.
+            lost copies of a topic, robots' steps without their action. They do not change the
+            result.
+        steps: number of the world's transitions that were computed again and agree.
+        choices: number of actions that were computed again and agree.
+        updates: number of updates of tables that were computed again.
+        tables: number of recorded tables that were compared.
     """
 
     log: RunLog
@@ -82,7 +83,7 @@ class Verification:
 
     @property
     def undecided(self) -> bool:
-        """True if nothing differs, but a part is unknown."""
+        """True if there is no difference, but a part is unknown."""
         return not self.differences and bool(self.unknown)
 
     @property
@@ -97,10 +98,10 @@ def verify(path: Path) -> Verification:
     """Compute a recorded run again from its seed and its log, and compare.
 
     Args:
-        path: as of `read_run`.
+        path: as in `read_run`.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run, or is of another format.
+        BagError: the bag cannot be read, contains no run, or has another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     log = read_run(path)
@@ -146,7 +147,7 @@ class _Comparison:
         differences: in any order.
         unknown: in any order.
         worlds: the world's check of each interval that is not lost.
-        agents: the robots' checks, of one such interval after the other.
+        agents: the robots' checks, for one such interval after the other.
     """
 
     def __init__(self, log: RunLog) -> None:
@@ -238,7 +239,7 @@ class _Comparison:
             for series in messages.of_robot(k)
         )
         for world in self.worlds:
-            found[LEFT_OUT] = world.left_out  # it counts on from interval to interval
+            found[LEFT_OUT] = world.left_out  # it is a total over the intervals
             found[RESETS] += world.resets
             for topic, count in world.lost_copies.items():
                 found[f"{LOST_COPIES}{topic}"] += count
@@ -250,7 +251,7 @@ class _Comparison:
 
 
 def _why_lost(log: RunLog, interval: Interval) -> str:
-    """Return why an interval is lost, as a sentence."""
+    """Return the reason why an interval is lost, as a sentence."""
     if interval.last is not None:
         return "a part of the log is lost; all robots' tables are there after that"
     return log.why_broken_off or "a part of the log is lost, and no checkpoint follows"
@@ -269,7 +270,7 @@ def _may_follow(difference: Difference, since: Unknown) -> bool:
 def _unknown_since(log: RunLog, differences: Sequence[Difference]) -> Unknown | None:
     """Return the first time step from which lost messages may explain differences.
 
-    The earliest cause is enough: `verify` does not search for the one that is at fault.
+    The earliest possible cause is enough: `verify` does not search for the actual one.
     """
     if not differences:
         return None
@@ -278,7 +279,7 @@ def _unknown_since(log: RunLog, differences: Sequence[Difference]) -> Unknown | 
 
 
 def _stalled(log: RunLog, differences: Sequence[Difference]) -> Iterator[Unknown]:
-    """Yield the first message that a recorder missed while it stood still."""
+    """Yield the first message that a recorder missed while it was stopped."""
     missing = [one.step for one in differences if one.missing and one.step is not None]
     for stall in log.messages.stalls:
         missed = [step for step in missing if step >= stall.step]
@@ -290,7 +291,7 @@ def _stalled(log: RunLog, differences: Sequence[Difference]) -> Iterator[Unknown
 def _came_back(log: RunLog) -> Iterator[Unknown]:
     """Yield the nodes that came back without a roll-back of the team: robots, or the world.
 
-    The log does not hold the state from which they continued.
+    The log does not contain the state from which they continued.
     """
     without_rollback: dict[str, int] = {}
     for step, status in _decoded(log, wire.STATUS, read_status):

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A part of a long log, read by itself; the learning history of a log, part by part."""
+"""A part of a long log, read separately; the learning history of a log, part by part."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -26,10 +26,10 @@ MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """The topics from which the history is computed."""
 
 STEPS_AROUND = 500
-"""Number of time steps before and after a given one that are read to show it."""
+"""Number of time steps that are read before and after a shown one."""
 
 BYTES_AT_ONCE = 500_000
-"""Number of bytes of the file from which a part of the history is computed."""
+"""Number of the file's bytes in a part of the history."""
 
 
 class Questions(NamedTuple):
@@ -47,7 +47,7 @@ class Questions(NamedTuple):
 
 
 def questions_in(log: RunLog, first: int, last: int) -> Questions:
-    """Return each COORDINATE from one time step of a log to another where the cell is known."""
+    """Return each COORDINATE with a known cell from one time step of a log to another."""
     begin, end = np.searchsorted(log.step, [first, last + 1])
     cells = log.cells[begin:end]
     rows, robots = np.nonzero(log.asked[begin:end] & (cells >= 0))
@@ -63,9 +63,10 @@ class Episodes(NamedTuple):
         history: its episodes.
         questions: its questions, those of the last episode included.
         read_to: the last time step of these two.
-        log: its time steps, without those of a last episode that may go on.
+        log: its time steps, without a last episode that may continue.
         last_step: the last time step of `log`.
-        open_step: the first time step of a last episode that may go on, and has to be read again;
+        open_step: the first time step of a last episode that may continue, and has to be read
+            again;
             None: all are whole.
     """
 
@@ -80,10 +81,10 @@ class Episodes(NamedTuple):
 class LongLog:
     """A bag of any length, read in parts.
 
-    Superseded messages are left out. So are gaps: `losses` names those that reading has reached.
+    Superseded messages and gaps are left out: `losses` lists the gaps that reading has reached.
 
     Args:
-        path: as of `read_run`.
+        path: as in `read_run`.
 
     Attributes:
         bag: the bag, with the places of its messages.
@@ -91,7 +92,7 @@ class LongLog:
         period: nanoseconds a time step.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run, or is of another format.
+        BagError: the bag cannot be read, contains no run, or has another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
 
@@ -121,7 +122,7 @@ class LongLog:
 
     @property
     def last_step(self) -> int:
-        """The newest time step that the file's blocks name."""
+        """The newest time step in the file's blocks."""
         return max((place.end_ns for place in self.blocks), default=0) // self.period
 
     @property
@@ -210,7 +211,7 @@ class LongLog:
 
     @property
     def empty(self) -> bool:
-        """True if it holds no time step."""
+        """True if it contains no time step."""
         return not any(place.end_ns for place in self.blocks)
 
     def begin(self) -> RunLog:
@@ -219,11 +220,11 @@ class LongLog:
         return self.read(0, max(ends) // self.period)
 
     def table_steps(self) -> list[list[int]]:
-        """Return of each robot the time steps of its tables."""
+        """Return for each robot the time steps of its tables."""
         return [sorted(known) for known in self._known_tables()]
 
     def _known_tables(self) -> list[dict[int, Attachment]]:
-        """Return of each robot where its tables are, by time step; of equal steps the later."""
+        """Return for each robot its tables' attachments, by time step; of equal steps the last."""
         known: list[dict[int, Attachment]] = [{} for _ in self.run.scenario.robots]
         for _, attachment, of in attached_tables(self.bag, self.run, self._backs):
             if of is not None:

@@ -1,12 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies between the barrier and the step: sent first, and the step is made when they are there.
+"""Bodies between the barrier and the step: they move first, and the step follows when they arrive.
 
-`BodyWorld` is the game that bodies play: where a move leads is where the body says it is.
-`BodiesSide` sends them: when every robot has acted, each body that moves is told its cell; when
-all have said where they are, the world makes the step. A body that does not get there has stayed.
+`BodyWorld` is the game that bodies play: a move leads to the cell that the body reports.
+`BodiesSide` sends them: when every robot has acted, each moving body gets its goal cell; when all
+bodies have reported their cells, the world makes the step. A body that does not arrive counts as
+not moved.
 
-At an episode's begin bodies are to be at the episode's first cells. A simulator puts them there;
+At an episode's beginning bodies must be in the episode's first cells. A simulator puts them there;
 people or programs bring real ones there, and the world waits.
 """
 
@@ -21,11 +22,11 @@ NO_CELL = -1
 """In place of a cell: the body is in none."""
 
 BEGIN = 1.0
-"""Seconds at which simulated time begins. A pose of this time may be older than any goals."""
+"""Seconds at which simulated time begins. A pose of this time may be older than all goals."""
 
 
-class HaltWord(IntEnum):
-    """The world's last message to all drivers about halting: none so far, halt, or continue."""
+class HaltOrder(IntEnum):
+    """The world's last order to all drivers on halting: none so far, halt, or continue."""
 
     NOTHING = 0
     HALT = 1
@@ -38,7 +39,7 @@ class BodyGoal(NamedTuple):
     Attributes:
         robot: the robot, from 0.
         start: its cell in the game.
-        end: the cell that it is to be in.
+        end: its destination, a cell.
     """
 
     robot: int
@@ -52,11 +53,12 @@ class Goals(NamedTuple):
     Attributes:
         number: counts from 1; reports on older goals are ignored.
         step: the time step.
-        place: an episode begins: bodies may get there in any way, and take their time.
-        since: the time of the newest pose that was reported on before, by the clock of the poses.
-            Drivers act only on newer ones: by then the simulator of the bodies knows the goals.
-        bodies: the goals of the bodies that are told something, in the robots' order.
-        halt: whether all bodies are to stand, whatever their goals are.
+        place: an episode begins: bodies may get to their cells on any way, and without a time
+            limit.
+        since: the time of the newest pose in earlier reports, by the clock of the poses. Drivers
+            act only on newer poses: by then the simulator of the bodies knows the goals.
+        bodies: the goals of the bodies that get one, in the robots' order.
+        halt: the order on halting, which overrides the goals.
     """
 
     number: int
@@ -64,23 +66,23 @@ class Goals(NamedTuple):
     place: bool
     since: float
     bodies: tuple[BodyGoal, ...]
-    halt: HaltWord = HaltWord.NOTHING
+    halt: HaltOrder = HaltOrder.NOTHING
 
 
 NO_GOALS = Goals(0, 0, False, BEGIN, ())
-"""What bodies have been told before any goals come; those are numbered from 1."""
+"""The goals of bodies before the first real ones, which have the number 1."""
 
 
-class Reached(NamedTuple):
+class GoalReport(NamedTuple):
     """The end of one body's goal.
 
     Attributes:
         robot: the robot, from 0.
         number: the number of the goals.
-        cell: the free cell that the body is in; `NO_CELL` where it is in none.
-        there: whether it came where it was to go.
-        seconds: how long it took, by the clock of its poses.
-        stamp: the time of the pose that says so.
+        cell: the body's free cell; `NO_CELL` if it is in none.
+        there: whether it reached its destination.
+        seconds: the duration of its move, by the clock of its poses.
+        stamp: the time of the pose on which the report is based.
     """
 
     robot: int
@@ -97,13 +99,13 @@ class BodyWorld(World):
     Args:
         scenario: the problem.
         seed: the run's seed.
-        slips: moves also fail at random, as in the grid and with its draws: the body is told to
-            stay. So a learned team meets the world that it knows, and bodies that always get
-            there play the grid's game, bit for bit.
+        slips: moves also fail at random, as in the grid and with its draws: the body gets the goal
+            to stay. So a learned team meets the world in which it has learned, and bodies that
+            always arrive play the grid's game, bit for bit.
         more: `phase` and `max_steps`, as of `World`.
 
     Attributes:
-        there: the cell of each robot after the step that is about to be made.
+        there: the cell of each robot after the next step.
     """
 
     def __init__(
@@ -114,9 +116,9 @@ class BodyWorld(World):
         self.there = list(self.cells)
 
     def told(self, actions: Sequence[Action | None]) -> list[int]:
-        """Return the cell that each body is told to go to, or its own one.
+        """Return each body's goal cell, or its own cell.
 
-        A body stays whose move slips, whose robot does not act, or whose robot is stopped.
+        A body stays if its move slips, or its robot does not act or is stopped.
 
         Args:
             actions: the joint action, complete.
@@ -128,34 +130,35 @@ class BodyWorld(World):
         return super().settled(wanted)
 
     def wanted(self, k: int, move: int) -> int:
-        """Return the cell to which a move of robot k leads; its own one where the move slips."""
+        """Return the cell to which a move of robot k leads; its own cell if the move slips."""
         if self.slips:
             return super().led(k, move)
         return int(self.scenario.map.next_cell[self.cells[k], move])
 
     def led(self, k: int, move: int) -> int:
-        """Return the cell in which the body of robot k is."""
+        """Return the cell of robot k's body."""
         return self.there[k]
 
     def settled(self, wanted: Sequence[int]) -> list[int]:
-        """Return the cells as they are: `told` has stopped robots before they get there."""
+        """Return the cells unchanged: `told` has stopped robots before they get there."""
         return list(wanted)
 
 
 class BodiesSide:
-    """Sends bodies for a `BodyWorld`.
+    """Sends the bodies of a `BodyWorld`.
 
-    Bodies that are in each other's way are sent one after the other: see `waves`.
+    Bodies that are in each other's way move one after the other: see `waves`.
 
     Args:
         world: the game.
-        tell: called with what bodies are told.
+        tell: sends goals to the bodies.
 
     Attributes:
-        placing: whether bodies are waited for at the cells in which the episode begins or goes on.
+        placing: whether the world waits for bodies in the cells where the episode begins or
+            continues.
         failed: moves that failed.
-        lost: of these, moves after which the body was in no cell, or its pose was not known.
-        seconds: how long the steps took, in all, by the clock of the poses.
+        lost: failed moves after which the body was in no cell, or its pose was unknown.
+        seconds: the total duration of the steps, by the clock of the poses.
     """
 
     def __init__(self, world: BodyWorld, tell: Callable[[Goals], None]) -> None:
@@ -174,11 +177,11 @@ class BodiesSide:
 
     @property
     def waiting(self) -> list[int]:
-        """The robots whose bodies are waited for."""
+        """The robots whose bodies have not reported yet."""
         return sorted(self._under_way)
 
     def made(self, actions: Sequence[Action | None]) -> bool:
-        """Return whether the world can make its step; at a new step the bodies are sent first.
+        """Return whether the world can make its step; at a new step the bodies get goals first.
 
         Args:
             actions: the joint action, complete.
@@ -191,7 +194,7 @@ class BodiesSide:
             self._longest = 0.0
             left = self._expected
             self._expected = world.there = list(world.cells)
-            if left != world.there:  # an episode begins, or goes on after a break
+            if left != world.there:  # an episode begins, or continues after a break
                 here = tuple(
                     BodyGoal(k, cell, cell) for k, cell in enumerate(world.cells)
                 )
@@ -206,8 +209,8 @@ class BodiesSide:
         self._go_on()
         return not self._under_way
 
-    def reached(self, said: Reached) -> bool:
-        """Take in a body's cell; return whether the world may continue."""
+    def reached(self, said: GoalReport) -> bool:
+        """Note a body's report; return whether the world may continue."""
         goal = self._under_way.get(said.robot)
         if goal is None or said.number != self._number:
             return False
@@ -220,7 +223,7 @@ class BodiesSide:
         return not self._under_way
 
     def give_up(self) -> None:
-        """Count the bodies that are waited for as not moved."""
+        """Count the awaited bodies as not moved."""
         for k in self.waiting:
             self._settle(self._under_way.pop(k), NO_CELL)
         self._go_on()
@@ -231,7 +234,7 @@ class BodiesSide:
         self._world.there[goal.robot] = goal.start if cell == NO_CELL else cell
 
     def _go_on(self) -> None:
-        """Send those that come next when all others are there."""
+        """Send the next wave of bodies when all earlier ones have arrived."""
         while not self._under_way:
             self.seconds = self.seconds + self._longest
             self._longest = 0.0
@@ -252,9 +255,9 @@ def waves(
 ) -> list[tuple[BodyGoal, ...]]:
     """Return the goals in the order in which bodies can drive them; a body that stays has none.
 
-    A body enters a cell when the one that leaves it is out. Of several that want to enter only one
-    goes, those out of doorways first. Where bodies change places, those out of doorways go first;
-    where there are none, all go.
+    A body enters a cell after the body in it has left. Of several bodies with one destination only
+    one goes at a time; bodies in doorways go first. If bodies change places, bodies in doorways go
+    first; without such bodies all go at once.
     """
     moving = (goal for goal in goals if goal.end != goal.start)
     ahead = sorted(moving, key=lambda goal: (goal.start not in doorways, goal.robot))

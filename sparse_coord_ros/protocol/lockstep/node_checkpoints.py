@@ -5,8 +5,8 @@
 World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
 directory `checkpoint` of the output directory. A team continues from the newest step for which
 all nodes have a file: the last common checkpoint. Step 0 is the run's beginning, without a file.
-A file says within its digest how it is called (`name`): under another name it is no checkpoint.
-A node's counts of the run's faults are never taken back: they are in `<node>_events.npz`.
+A file contains its name (`name`), within its digest: under another name it is not a checkpoint. A
+rollback does not reset a node's counts of the run's faults: they are in `<node>_events.npz`.
 """
 
 from collections.abc import Mapping
@@ -32,21 +32,21 @@ CHECKPOINTS = "checkpoint"
 """The directory's name."""
 
 BEGINNING = 0
-"""The step under which everybody always has a checkpoint: that of a run that is yet to begin."""
+"""The step of the checkpoint that all nodes always have: the run's beginning."""
 
 EVENTS = "events"
-"""In place of a step in a file's name: what was counted."""
+"""In place of a step in a file's name: the file holds counts."""
 
 KEPT_OWN = 3
 KEPT_COMMON = 2
-"""How many of its newest files a node keeps, and how many of those that all nodes here have."""
+"""Number of its newest files that a node keeps, and of the newest common checkpoints here."""
 
 
 class CheckpointStore:
-    """Where a node's checkpoints are: nowhere. `Checkpoints` has them on disk."""
+    """A store without checkpoints; `Checkpoints` has them on disk."""
 
     def steps(self) -> list[int]:
-        """Return the steps that the node can go on from, the newest first."""
+        """Return the steps from which the node can continue, the newest first."""
         return []
 
     def load(self, step: int) -> Any:
@@ -54,14 +54,14 @@ class CheckpointStore:
         return None
 
     def save(self, state: WorldState | RobotState) -> None:
-        """Save where the node is."""
+        """Save the node's state."""
 
     def counted(self) -> dict[str, int]:
-        """Return the counts that `count` saved last."""
+        """Return the counts of the last call of `count`."""
         return {}
 
     def count(self, events: Mapping[str, int]) -> None:
-        """Save what was counted so far."""
+        """Save the counts so far."""
 
 
 class Checkpoints(CheckpointStore):
@@ -73,11 +73,11 @@ class Checkpoints(CheckpointStore):
         run: the run.
 
     Attributes:
-        broken: why files could not be read, one line each.
+        broken: the errors of unreadable files, one line each.
 
     Raises:
-        RunError: another process has this node's checkpoints there.
-        OSError: nothing can be written there.
+        RunError: another process uses this node's checkpoints there.
+        OSError: the directory cannot be written.
     """
 
     def __init__(self, out: Path, node: str, run: RunConfig) -> None:
@@ -109,11 +109,11 @@ class Checkpoints(CheckpointStore):
             folder.rmdir()
 
     def close(self) -> None:
-        """Let others have the directory; the end of the process does so too."""
+        """Unlock the checkpoints for other processes; the end of the process does so too."""
         self._lock.close()
 
     def steps(self) -> list[int]:
-        """Return the steps that this node can go on from, the newest first, at last 0.
+        """Return the steps from which this node can continue, the newest first, and finally 0.
 
         Raises:
             RunError: a file is of another run, or in another format.
@@ -132,17 +132,17 @@ class Checkpoints(CheckpointStore):
         return [*(step for step in files if step in self._readable), BEGINNING]
 
     def save(self, state: WorldState | RobotState) -> None:
-        """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
+        """Save the node's state; an OSError leaves the earlier checkpoints unchanged."""
         self._folder.mkdir(exist_ok=True)
         self._write(state.step, self._arrays(state))
         self._readable.add(state.step)
         self._prune()
 
     def counted(self) -> dict[str, int]:
-        """Return the counts that `count` saved last.
+        """Return the counts of the last call of `count`.
 
         Raises:
-            RunError: it is of another run, or in another format.
+            RunError: the file is of another run, or in another format.
         """
         try:
             counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}
@@ -154,7 +154,7 @@ class Checkpoints(CheckpointStore):
             return {}
 
     def count(self, events: Mapping[str, int]) -> None:
-        """Save what was counted so far."""
+        """Save the counts so far."""
         self._write(EVENTS, {name: np.array(number) for name, number in events.items()})
 
     def load(self, step: int) -> Any:
@@ -187,7 +187,7 @@ class Checkpoints(CheckpointStore):
     def _state(
         self, step: int, arrays: Mapping[str, np.ndarray]
     ) -> WorldState | RobotState:
-        """Return the state that `_arrays` took apart."""
+        """Return the state from the arrays of `_arrays`."""
         kind: type[WorldState] | type[RobotState] = RobotState
         fields: dict[str, Any] = {"step": step}
         if self._node == WORLD:
@@ -207,7 +207,7 @@ class Checkpoints(CheckpointStore):
         return kind(**fields)
 
     def _prune(self) -> None:
-        """Remove old files: older than the newest ones, and than those of all nodes here."""
+        """Remove files that are older than the newest ones and the common checkpoints here."""
         mine = steps_of(self._folder, self._node)
         others = (set(steps_of(self._folder, name)) for name in (WORLD, *self._names))
         common = sorted(set(mine).intersection(*others), reverse=True)
@@ -237,7 +237,7 @@ class Checkpoints(CheckpointStore):
 
 
 def steps_of(folder: Path, node: str) -> list[int]:
-    """Return under which time steps a directory has files of a node, the newest first."""
+    """Return the time steps of a node's files in a directory, the newest first."""
     texts = (
         path.stem.removeprefix(f"{node}_") for path in folder.glob(f"{node}_*.npz")
     )
@@ -245,7 +245,7 @@ def steps_of(folder: Path, node: str) -> list[int]:
 
 
 def robots_elsewhere(out: Path, scenario: Scenario) -> list[str]:
-    """Return the robots of a resumed run that never saved anything in its directory."""
+    """Return the robots of a resumed run without files in its directory."""
     folder = out / CHECKPOINTS
     names = scenario.names
     begun = any(steps_of(folder, name) for name in (WORLD, *names))

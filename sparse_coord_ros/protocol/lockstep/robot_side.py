@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot's side of the lock step, as a state machine without ROS.
 
-Messages come in by `state`, `reward` and `answer`, in any order between topics, each perhaps
-twice. The robot acts through `RobotPort`. The result depends on the messages' content, never on
-their times.
+`state`, `reward` and `answer` receive messages, in any order between topics, perhaps twice. The
+robot acts through `RobotPort`. The result depends on the messages' content, never on their times.
 """
 
 from collections import deque
@@ -24,7 +23,7 @@ NO_STEP = 0
 BEFORE_ANY_STEP = -1
 
 ASKS = COUNTS[:4]
-"""How percepts end, and how often a peer was asked again; see `RobotSide.asks`."""
+"""Counters of the ends of percepts, and of repeated requests; see `RobotSide.asks`."""
 
 
 class RobotPort(Protocol):
@@ -40,17 +39,17 @@ class RobotPort(Protocol):
         """Publish the result of COORDINATE: the peers' cells, or None for a failed percept."""
 
     def episode(self, step: int) -> None:
-        """An episode begins for this robot at a time step, before it acts in it."""
+        """An episode begins for this robot at a time step, before its action there."""
 
     def checkpoint(self, step: int) -> None:
-        """Publish and save: all is learned that happened before a time step, and no more."""
+        """Publish and save: the tables contain exactly the learning before a time step."""
 
 
 class Answer(NamedTuple):
     """The asked robot's side of COORDINATE.
 
     Attributes:
-        step: the time step that the asked robot is at; older than the request: not there yet.
+        step: the asked robot's time step; older than the request's: it is not there yet.
         cell: its local state, or None: not perceived.
     """
 
@@ -62,11 +61,11 @@ class RobotState(NamedTuple):
     """The state of a robot from which it continues with the same bits.
 
     Attributes:
-        step: the time step; all is learned that happened before it, and no more.
+        step: the time step; the memory contains exactly the learning before it.
         cell: its local state X_k(step).
         transitions: transitions that it has seen.
         episode_start: the time step at which the episode began.
-        learned_last: whether its next action says that it has learned from the one before.
+        learned_last: whether its next action reports that it has learned from the one before.
         counts: `RobotSide.asks`, `learned` and `dropped`, in this order.
         memory: its agent's memory.
     """
@@ -90,12 +89,12 @@ class RobotSide:
 
     Attributes:
         newest: the last local state received, as (step, cell); step 0 before the first.
-        asks: how the percepts of its actions ended: "answered" (by every peer that was asked),
-            "refused" (by one of them), "late" (no answer by the deadline); and how many requests
+        asks: numbers of its percepts by their ends: "answered" (by every asked peer), "refused"
+            (by one of them), "late" (no answer by the deadline); and the number of requests that
             were "repeated" because the peer was a step behind.
         transitions: transitions that it has seen.
-        learned: transitions that it has learned from.
-        dropped: transitions not learned from because the reward did not come.
+        learned: transitions from which it has learned.
+        dropped: transitions without learning, because the reward did not come.
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
@@ -107,13 +106,11 @@ class RobotSide:
         self._budget = run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
-        self._choice: Choice | None = None  # whose outcome is still to come
-        # what was said beside it
+        self._choice: Choice | None = None  # its outcome is not known yet
+        # published beside it
         self._self_report = SelfReport(PerceptEnd.DID_NOT_ASK, False)
-        self._asked: Decision | None = (
-            None  # whose peers are asked, one after the other
-        )
-        self._seen: tuple[int, ...] = ()  # cells of those that have answered
+        self._asked: Decision | None = None  # its peers are asked, one after the other
+        self._seen: tuple[int, ...] = ()  # cells of the peers that have answered
         self._percepts = Percepts(run.scenario, run.seed)
         self.go_on_from(agent, None)
 
@@ -131,15 +128,15 @@ class RobotSide:
 
     @property
     def handled(self) -> int:
-        """The time step that the tables are of: of the last local state that was worked off.
+        """The time step of the tables: of the last local state that was processed.
 
-        All is learned that happened before it; 0 before the first state.
+        They contain all learning before it; 0 before the first state.
         """
         return max(self._handled, NO_STEP)
 
     @property
     def asking(self) -> int:
-        """The peer that it waits for, or -1."""
+        """The peer whose answer it waits for, or -1."""
         return -1 if self._asked is None else self._asked.peers[len(self._seen)]
 
     @property
@@ -149,23 +146,23 @@ class RobotSide:
         return {**self.asks, **own}
 
     def state(self, step: int, cell: int) -> None:
-        """Take in the own local state X_k of a time step."""
+        """Process the robot's own local state X_k of a time step."""
         if step <= self.newest[0]:
             self._repeat(step, cell)
             return
         self.newest = (step, cell)
         self._states.append((step, cell))
-        self._asked = None  # where it still asks, the world went on without it
+        self._asked = None  # if it still asks, the world has continued without it
         self._go_on()
 
     def reward(self, step: int, reward: Reward) -> None:
-        """Take in R_k of the action at a time step."""
+        """Process R_k of the action at a time step."""
         if self._choice is not None and step == self._handled:
             self._reward = reward
             self._go_on()
 
     def answer(self, peer: int, request_step: int, answer: Answer) -> None:
-        """Take in a peer's answer to the request of a time step."""
+        """Process a peer's answer to the request of a time step."""
         step = self._handled
         asked = self._asked
         if asked is None or step != request_step or self.asking != peer:
@@ -183,7 +180,7 @@ class RobotSide:
                 self._act(self._seen, PerceptEnd.ANSWERED)
 
     def expire(self) -> None:
-        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
+        """The deadline on `waiting` has passed: a failed percept, or no learning."""
         if self._asked is not None:
             self._act(None, PerceptEnd.LATE)
         elif self.waiting is not None:
@@ -192,7 +189,7 @@ class RobotSide:
             self._go_on()
 
     def due(self, there: int) -> int | None:
-        """Return the answer due from a peer in a cell to the question under way."""
+        """Return the correct answer of a peer in a cell to the pending question, if any."""
         sees = self._percepts.sees(self._handled, self.agent.number, self._cell, there)
         return there if sees else None
 
@@ -215,7 +212,7 @@ class RobotSide:
     def snapshot(self) -> RobotState:
         """Return the robot's state, a copy, at the time step `handled`.
 
-        An agent learns only when it works off a state, so this may be asked for at any time.
+        An agent learns only when it processes a state, so this may be called at any time.
         """
         # It will choose the same action at this step again.
         chosen = self._asked is not None or self._choice is not None
@@ -227,7 +224,7 @@ class RobotSide:
         )
 
     def self_report_of(self, step: int) -> SelfReport | None:
-        """Return the robot's self-report of a time step; None: it is over, or to come."""
+        """Return the robot's self-report of a time step; None: it is not the current step."""
         return (
             self._self_report
             if self._choice is not None and step == self._handled
@@ -235,13 +232,13 @@ class RobotSide:
         )
 
     def go_on_from(self, agent: Agent, state: RobotState | None) -> None:
-        """Go on where a robot of the same run was, and forget all that is newer.
+        """Continue from an earlier state of this robot, and drop all newer messages.
 
-        Whatever is under way to it then is of the time that is taken back: listen anew.
+        Messages in flight belong to the time that is taken back: subscribe anew.
 
         Args:
             agent: a fresh agent of the run.
-            state: where to go on; None: at the run's beginning.
+            state: the state; None: the run's beginning.
         """
         self.agent = agent
         self._states.clear()
@@ -265,7 +262,7 @@ class RobotSide:
         self.asks = dict(zip(ASKS, asks, strict=True))
 
     def _go_on(self) -> None:
-        """Work off the states that have come, as far as what belongs to them is there."""
+        """Process the received states, as far as their rewards and answers are there."""
         while self._states:
             step, cell = self._states[0]
             before = self._handled
@@ -295,7 +292,7 @@ class RobotSide:
                 self._choose()
 
     def _repeat(self, step: int, cell: int) -> None:
-        """The world says a state again because it misses the action: say it, or choose it now."""
+        """The world repeats a state because the action is missing: repeat it, or choose it."""
         if self._choice is not None and self._handled == step:
             self._port.act(step, self._choice.action, self._self_report)
         elif self._asked is None and self._handled == step and cell != self.agent.goal:

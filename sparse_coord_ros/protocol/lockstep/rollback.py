@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rollback of a team to its last common checkpoint, as state machines without ROS.
 
-Every robot announces its checkpoints. The world chooses the newest that all have, itself
-included, goes back to it and orders all robots back. It continues when all have obeyed, or when a
-deadline has passed. An order stands until all have obeyed: a robot that was deaf obeys when it
-hears again, and joins the team where it then is.
+Every robot announces its checkpoints. The world chooses the newest common one, its own included,
+goes back to it and orders all robots back. It continues when all have obeyed, or when a deadline
+has passed. An order stands until all have obeyed: a robot that was disconnected obeys when it
+receives messages again, and joins the team at its current step.
 """
 
 import uuid
@@ -29,12 +29,11 @@ class WorldRollback:
         robots: number of robots.
 
     Attributes:
-        order: the order that stands.
-        events: counts that are never taken back: `replaced_robots`, which began anew,
-            `returned_robots`, which came back with their tables, and how often all
-            were `taken_back`.
+        order: the current order.
+        events: counts that a rollback does not reset: `replaced_robots`, which began anew;
+            `returned_robots`, which came back with their tables; `taken_back`, rollbacks of all.
         said: each robot's last message; None: no message yet.
-        waiting: the robots that have yet to obey.
+        waiting: the robots that have not obeyed yet.
     """
 
     def __init__(self, side: WorldSide, store: CheckpointStore, robots: int) -> None:
@@ -46,7 +45,7 @@ class WorldRollback:
         self.waiting: set[int] = set()
 
     def heard(self, robot: int, said: Progress) -> bool:
-        """Take in a robot's message; return whether a new process has replaced the old one."""
+        """Process a robot's report; return whether a new process has replaced the old one."""
         before = self.said[robot]
         self.said[robot] = said
         new = before is not None and before.life != said.life
@@ -65,9 +64,9 @@ class WorldRollback:
         """Go back to a checkpoint, and order the team to do so.
 
         Args:
-            together: all nodes to the newest one that all have. Else the world alone to its own
-                newest: the robots stay as they are and say where that is, and a new episode begins
-                after all that any of them has seen: `WorldSide.begin_at`.
+            together: all nodes go to the newest common one. Else only the world goes back, to its
+                own newest: the robots keep their states and report their steps, and a new episode
+                begins after the newest of them: `WorldSide.begin_at`.
 
         Returns:
             True if there is such a checkpoint.
@@ -90,10 +89,10 @@ class WorldRollback:
         return True
 
     def go_on(self, *, anyway: bool = False) -> bool:
-        """Go on where the team is held and all have obeyed; return whether it does.
+        """Continue if the team is held and all have obeyed; return whether it does.
 
         Args:
-            anyway: do not wait any longer for those that have not obeyed.
+            anyway: do not wait for the robots that have not obeyed.
         """
         if not self._side.held or (self.waiting and not anyway):
             return False
@@ -113,8 +112,8 @@ class RobotRollback:
     Args:
         side: the robot's side of the lock step.
         store: its checkpoints.
-        fresh: makes an agent as it is at the run's beginning.
-        life: names this process.
+        fresh: makes an agent in its initial state.
+        life: the identity of this process.
         resumed: as of `Progress`.
     """
 
@@ -137,7 +136,7 @@ class RobotRollback:
         """Continue from the robot's own newest checkpoint; return its step, or 0 without one.
 
         Raises:
-            RunError: it is of another run.
+            RunError: the checkpoint is of another run.
         """
         step = max(self._store.steps(), default=0)
         if step:
@@ -166,7 +165,7 @@ class RobotRollback:
         return True
 
     def progress(self) -> Progress:
-        """Return the robot's progress for the world: on joining, after saving, after `obey`."""
+        """Return the robot's report to the world: on joining, after saving, after `obey`."""
         at = (self._side.handled, self._side.transitions)
         steps = tuple(self._store.steps())
         return Progress(self._life, *at, steps, self._obeyed, self._resumed)

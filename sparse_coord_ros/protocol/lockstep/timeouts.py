@@ -2,21 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Timeouts of world, robots and recorder: silence, reminders, deadlines, presence of the world.
 
-The world says its status every second, with the identity of its run. What another world says, or
-one that forges it, does not count. Times are seconds of any clock that never goes back.
+The world publishes its status every second, with the identity of its run. The status of another or
+a forged world does not count. Times are seconds of any monotonic clock.
 """
 
 from sparse_coord_ros.protocol.wire import RunState
 
 SILENT_SECONDS = 3.0
-"""A world that has not been heard for so long is missed: it says its status every second."""
+"""After so long without a status the world counts as silent; it publishes one every second."""
 
 REMIND_SECONDS = 5.0
-"""Between two words about what is waited for."""
+"""Between two reminders of a wait."""
 
 
 REPEAT_SECONDS = 0.5
-"""After this silence the world publishes again what a missing robot may have lost."""
+"""After this silence the world repeats the messages that a missing robot may have lost."""
 
 
 class Silence:
@@ -26,7 +26,7 @@ class Silence:
         now: the time.
 
     Attributes:
-        since: when it last heard of them, or the time step began.
+        since: the time of their last message, or of the time step's beginning.
     """
 
     def __init__(self, now: float) -> None:
@@ -35,17 +35,17 @@ class Silence:
         self.begin(now)
 
     def begin(self, now: float) -> None:
-        """A time step begins, or the world goes on after a break."""
+        """A time step begins, or the world continues after a break."""
         self.since = self._stands_since = now
 
     def tick(self, now: float) -> None:
-        """Note that this process lives; where it stood still itself, no robot was silent."""
+        """Note that this process runs; while it was stopped itself, no robot was silent."""
         if now - self._ticked > REPEAT_SECONDS:
             self.since = now
         self._ticked = now
 
     def lasts(self, now: float) -> float:
-        """Return the seconds since the world last heard its robots."""
+        """Return the seconds since the last message of a robot."""
         return now - self.since
 
     def stands(self, now: float) -> float:
@@ -53,7 +53,7 @@ class Silence:
         return now - self._stands_since
 
     def repeats(self, now: float) -> bool:
-        """Return whether it is time to say everything again; it is then said."""
+        """Return whether it is time to repeat all messages; the time then counts anew."""
         due = now - self._repeated >= REPEAT_SECONDS
         if due:
             self._repeated = now
@@ -68,7 +68,7 @@ class Reminder:
         self._said = 0.0
 
     def due(self, now: float) -> float:
-        """Return the seconds of waiting so far if it is time to say so, else 0."""
+        """Return the seconds of waiting so far if a reminder is due, else 0."""
         if self._since is None:
             self._since = self._said = now
         if now - self._said < REMIND_SECONDS:
@@ -77,19 +77,19 @@ class Reminder:
         return now - self._since
 
     def over(self) -> None:
-        """There is nothing to wait for."""
+        """The wait is over."""
         self._since = None
 
 
 class Deadline:
     """The deadline of a robot's waiting in the lock step.
 
-    A peer that answers "not there yet" is not silent: its deadline runs from its last word, but
+    A peer that answers "not there yet" is not silent: its deadline runs from its last answer, but
     no longer than the world would wait for it.
 
     Args:
         percept_timeout: seconds of silence.
-        step_timeout: seconds in all for a peer that says that it is behind.
+        step_timeout: seconds in total for a peer that answers "not there yet".
     """
 
     def __init__(self, percept_timeout: float, step_timeout: float) -> None:
@@ -99,11 +99,11 @@ class Deadline:
         self._since = 0.0
 
     def passed(self, waiting: tuple[str, int] | None, heard: float, now: float) -> bool:
-        """Return True, once, when the deadline of the waiting has passed.
+        """Return True, once, when the deadline of a wait has passed.
 
         Args:
             waiting: as `RobotSide.waiting`.
-            heard: when the peer that is asked was last heard.
+            heard: the time of the asked peer's last answer.
             now: the time.
         """
         if waiting is None or waiting != self._waiting:
@@ -124,12 +124,12 @@ class WorldPresence:
 
     Args:
         run_id: the identity of the run; budget: its transitions.
-        patience: seconds without a word until the world is given up; 0: never.
+        patience: seconds without a status until the world is given up; 0: never.
         now: the time.
 
     Attributes:
-        end: the run's last time step, once the world has said that the run is over.
-        ended: when it said so first.
+        end: the run's last time step, once the world has reported the run's end.
+        ended: the time of its first report of the end.
     """
 
     def __init__(self, run_id: str, budget: int, patience: float, now: float) -> None:
@@ -144,10 +144,10 @@ class WorldPresence:
     def hear(
         self, run_id: str, state: str, step: int, transitions: int, now: float
     ) -> None:
-        """Take in a world's status.
+        """Process a world's status.
 
         Raises:
-            ValueError: it cannot be that of this run's world.
+            ValueError: it cannot be from this run's world.
         """
         if run_id != self._run_id:
             raise ValueError(
@@ -164,7 +164,7 @@ class WorldPresence:
             self.end = None
 
     def sees(self, step: int) -> bool:
-        """Take in a time step that the world has made; return whether it belies the run's end."""
+        """Note a time step of the world; return whether it contradicts the run's end."""
         belied = self.end is not None and step > self.end
         if belied:
             self.end = None
@@ -175,11 +175,11 @@ class WorldPresence:
         self._other = True
 
     def silent(self, now: float) -> float:
-        """Return the seconds since the world was last heard."""
+        """Return the seconds since the world's last status."""
         return now - self._heard
 
     def given_up(self, now: float) -> str:
-        """Return the reason not to wait for the world any more, or an empty text."""
+        """Return the reason to give up the world, or an empty text."""
         silent = self.silent(now)
         if self._other and silent >= SILENT_SECONDS:
             return f"no word from the world for {silent:.0f} s, and another one has begun a run"

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world's side of the lock step, as a state machine without ROS.
 
-A time step is a barrier: the world advances when every robot has acted or its deadline passed.
+A time step is a barrier: the world advances when every robot has acted or missed its deadline.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.world import Action, Position, Reward, World
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.protocol.wire import Began
+from sparse_coord_ros.protocol.wire import StartReason
 
 
 class WorldPort(Protocol):
@@ -30,14 +30,14 @@ class WorldPort(Protocol):
         """An episode begins at a time step, whose states follow."""
 
     def checkpoint(self, step: int) -> None:
-        """Save: the robots do so too, when they have worked off their states of this step."""
+        """Save: the robots do so too, when they have processed their states of this step."""
 
 
 class WorldState(NamedTuple):
     """The state of the world from which it continues with the same bits.
 
     Attributes:
-        step: the time step under which the robots save theirs.
+        step: the time step under which the robots save their states.
         position: the game's position; if an episode ended at `step`, the beginning of the next.
         counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
             `lost`.
@@ -64,16 +64,17 @@ class WorldSide:
 
     Attributes:
         world: the game.
-        timeouts: how often a robot's deadline passed.
-        left_out: number of (robot, step) pairs: transitions made without the robot's action though
-            it had not arrived.
-        began: why the episode began: one of the reasons of `wire`.
+        timeouts: number of missed deadlines of robots.
+        left_out: number of (robot, step) pairs: transitions without the robot's action although it
+            had not arrived.
+        began: why the episode began, a `StartReason`.
         stale: actions that came too late, or twice.
-        lost: transitions that count as made and are no part of the history.
-        absent: robots that missed a deadline and have not acted since: not waited for.
+        lost: transitions that count in the budget, but are not in the history.
+        absent: robots that missed a deadline and have not acted since: the world does not wait for
+            them.
         history: gathers the episodes.
-        watcher: None, or called after each transition with it.
-        held: after `go_on_from` and until `start`: actions are from the time taken back.
+        watcher: called with each transition after it; None: no watcher.
+        held: True from `go_on_from` to `start`: actions are from the time that was taken back.
     """
 
     def __init__(
@@ -81,7 +82,7 @@ class WorldSide:
     ) -> None:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
         self.timeouts = self.left_out = self.stale = self.lost = 0
-        self.began: str = Began.START
+        self.began: str = StartReason.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
         self.watcher: Callable[[TeamTransition], None] | None = None
@@ -98,9 +99,9 @@ class WorldSide:
         """After `go_on_from`, skip the steps since then; then call `start`.
 
         Args:
-            step: the time step at which a new episode begins; if it is not after the present one,
+            step: the time step at which a new episode begins; if it is not after the current one,
                 no step is skipped.
-            transitions: made until then.
+            transitions: number of transitions until then.
         """
         world = self.world
         assert isinstance(world, ResumableGame)
@@ -112,7 +113,7 @@ class WorldSide:
         anew = world.position()._replace(step=step, under_way=False, episode_start=step)
         world.go_on_from(anew._replace(transitions=done))
         world.episode = episode + 1
-        self.began = Began.RESET
+        self.began = StartReason.RESET
         self._begins = True
         self.lost += lost
 
@@ -123,14 +124,14 @@ class WorldSide:
 
     @property
     def complete(self) -> bool:
-        """True if the barrier is open: all robots that are waited for have acted."""
+        """True if the barrier is open: all awaited robots have acted."""
         return not self.missing() and any(
             action is not None for action in self._actions
         )
 
     @property
     def actions(self) -> tuple[Action | None, ...]:
-        """The joint action as far as it is in; None where a robot has not acted."""
+        """The joint action as far as it is received; None for a robot that has not acted."""
         return tuple(self._actions)
 
     def missing(self) -> list[int]:
@@ -144,7 +145,7 @@ class WorldSide:
         ]
 
     def start(self) -> None:
-        """Publish the first joint state, also that after `go_on_from`."""
+        """Publish the first joint state, also the first one after `go_on_from`."""
         self.held = False
         if self._begins:
             self._port.episode(self.world.step)
@@ -154,7 +155,7 @@ class WorldSide:
         """Return the world's state; None: its game cannot be resumed.
 
         Args:
-            step: the time step under which the robots save; the present one where None.
+            step: the time step under which the robots save; None: the current one.
         """
         world = self.world
         if not isinstance(world, ResumableGame):
@@ -167,7 +168,7 @@ class WorldSide:
         return WorldState(step, world.position(), counts, self.began, absent, history)
 
     def go_on_from(self, state: WorldState | None) -> None:
-        """Go on where the world of the same run was; None: at its beginning. Then call `start`."""
+        """Continue from an earlier state of this run; None: its beginning. Then call `start`."""
         state = state or self._beginning
         world = self.world
         assert state is not None and isinstance(world, ResumableGame)
@@ -186,7 +187,7 @@ class WorldSide:
         self._begin_step()
 
     def action(self, robot: int, step: int, action: Action) -> bool:
-        """Take in a robot's action; return whether the barrier is now open."""
+        """Process a robot's action; return whether the barrier is now open."""
         if self.held:
             return False
         self.absent.discard(robot)
@@ -222,19 +223,21 @@ class WorldSide:
         if not self.finished:
             if outcome.episode_over:
                 self._begin_episode(
-                    Began.ARRIVED if all(self.world.arrived) else Began.STEPS
+                    StartReason.ARRIVED
+                    if all(self.world.arrived)
+                    else StartReason.STEPS
                 )
             elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
-                self._begin_episode(Began.NOBODY_LEFT)
+                self._begin_episode(StartReason.NOBODY_LEFT)
         self._save_where_due(step, reached, self.world.step)
 
     def _begin_step(self) -> None:
-        """Forget the actions of the last time step, and the rewards that were said with it."""
+        """Drop the actions of the last time step, and the rewards that were published with it."""
         self._actions: list[Action | None] = [None] * len(self._robots)
         self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
 
-    def new_episode(self, began: str = Began.RESET) -> None:
-        """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
+    def new_episode(self, began: str = StartReason.RESET) -> None:
+        """Start an episode, for a reason; actions that wait at the barrier are dropped."""
         before = self.world.step
         self._begin_episode(began)
         self._save_where_due(before, self.world.step)
@@ -249,8 +252,8 @@ class WorldSide:
     def expire(self) -> list[int]:
         """Leave out the robots that missed the deadline; return them.
 
-        The others go on: with the next step, or with a new episode where all of them have
-        arrived. Without any other, the world goes on waiting.
+        The other robots continue: with the next step, or with a new episode if all of them have
+        arrived. Without any other, the world continues to wait.
         """
         missing = self.missing()
         if not missing or len(self.absent.union(missing)) == len(self._robots):
@@ -260,14 +263,14 @@ class WorldSide:
         if self.complete:
             self.advance()
         else:
-            self.new_episode(Began.NOBODY_LEFT)
+            self.new_episode(StartReason.NOBODY_LEFT)
         return missing
 
     def repeat(self) -> None:
         """Repeat messages that robots may have lost; robots repeat their actions.
 
-        To all: a missing robot may be waiting for what an arrived one answers, or for where one
-        is whose answers it doubts.
+        They go to all robots: a missing robot may wait for the answer of an arrived one, or for
+        the published cell of a peer whose answers it doubts.
         """
         for k in self._robots:
             reward = self._rewards[k]
@@ -280,7 +283,7 @@ class WorldSide:
             self._port.state(k, self.world.step, self.world.cells[k])
 
     def _save_where_due(self, *steps: int) -> None:
-        """Save at the published steps at which the robots do too."""
+        """Save, if the robots also save at one of these published steps."""
         every = self._checkpoint
         for before, step in pairwise(steps):
             if every and before // every < step // every:

@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
+"""The vocabulary of the messages, without ROS: topics, services, labels and states, each once.
 
-`TOPICS` is the table of all messages: the owner, the type, the labels of the numbers, how it
-is delivered and recorded. `messages.py` packs and reads by it, `ros/nodes/ros_topics.py` binds it
-to message classes and QoS profiles; the recorder and the log follow it. Topic names are relative:
-a team's to its namespace, a robot's to its own name; topics that ROS shares are absolute.
-Names of topics without use to people begin with an underscore: `ros2 topic list` hides them.
+`TOPICS` is the table of all messages: the owner, the type, the labels of the numbers, the delivery
+and the recording. `messages.py` packs and reads by it, `ros/nodes/ros_topics.py` binds it to
+message classes and QoS profiles; the recorder and the log follow it. Topic names are relative: a
+team's to its namespace, a robot's to its own name; topics that ROS shares are absolute.
+Names of internal topics begin with an underscore: `ros2 topic list` hides them.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Owner(StrEnum):
 class Delivery(StrEnum):
     """The quality of service of a topic.
 
-    At every time step; now and then; its last message is kept for late subscribers; its last
+    At every time step; now and then; the last message is kept for late subscribers; the last
     `TABLES_DEPTH` are kept.
     """
 
@@ -52,11 +52,11 @@ class Topic:
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: its owner.
         delivery: its quality of service.
-        packed: published as packed bytes, and handed to a recorder in the same process: what
-            each time step and episode says.
-        recorded: whether bags hold it unchanged.
-        labels: of a sensor_msgs/JointState: the names of its numbers. A reader looks numbers up
-            by their labels, so a sender may add others.
+        packed: published as packed bytes, and handed to a recorder in the same process: the
+            messages of each time step and episode.
+        recorded: whether bags contain it unchanged.
+        labels: the names of the numbers of a sensor_msgs/JointState. A reader looks numbers up by
+            their labels, so a sender may add others.
         limit: larger messages are dropped unread.
     """
 
@@ -75,7 +75,7 @@ class Topic:
 
     @property
     def stamped(self) -> bool:
-        """True if the message begins with its time (a header or a clock), that of the run."""
+        """True if the message begins with its time (a header or a clock), in the run's time."""
         return self.type_name in (_CLOCK, _POSE, _NUMBERS, _GRID, _PATH, _ODOMETRY)
 
     def column(self, label: str) -> int:
@@ -86,8 +86,8 @@ class Topic:
 class PerceptEnd(IntEnum):
     """The end of an action's percept.
 
-    The action is no COORDINATE; every peer that was asked said where it is; a peer refused, or was
-    further; no answer came by the deadline; there is no peer.
+    The action is not COORDINATE; every asked peer answered; a peer refused, or was at a later
+    step; no answer came by the deadline; there is no peer.
     """
 
     DID_NOT_ASK = 0
@@ -127,7 +127,7 @@ class SelfReport(NamedTuple):
     """A robot's report on itself in its `action`, beside the action; the fields are labels.
 
     Attributes:
-        percept: how its percept ended, a `PerceptEnd`.
+        percept: the end of its percept, a `PerceptEnd`.
         learned: whether it has learned from its action before this one.
     """
 
@@ -136,10 +136,10 @@ class SelfReport(NamedTuple):
 
 
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
-"""Of an `action`: what the action's own numbers are called; after them comes the `SelfReport`."""
+"""Labels of the numbers of an action in `action`; the fields of `SelfReport` follow them."""
 
 PARTNERS = "partners"
-"""A label more of `reward` where the world has a `referee`: the sum of 2^(j-1) of the robots j
+"""A further label of `reward` in a world with a `referee`: the sum of 2^(j-1) over the robots j
 (from 1) with which the robot interacted."""
 
 TEAM, ROBOT, NODE = Owner
@@ -162,19 +162,19 @@ _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
-"""Outside any namespace that is /clock, which nodes with `use_sim_time` follow. Of a run whose
-`clock` is none it is called `HIDDEN_CLOCK`: the log needs it, and /clock is others'."""
+"""Outside any namespace this is /clock, which nodes with `use_sim_time` follow. In a run whose
+`clock` is none the topic is `HIDDEN_CLOCK`: the log needs it, and /clock belongs to others."""
 
 HIDDEN_CLOCK = "_clock"
 
 MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
 MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
 SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
-"""For people only: names of robots, who asks whom, how full doorways are."""
+"""For people only: names of robots, questions, robots in doorways."""
 
 DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
-"""Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
-publish here too. The stamps are of the wall clock, in no frame."""
+"""Absolute, by REP 107, so that an aggregator receives every team; drivers and other teams publish
+here too. The stamps are of the wall clock, without a frame."""
 
 LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, packed=True)
 REWARD_LABELS = ("individual", "common", "ask_cost", "total")
@@ -189,34 +189,33 @@ COORDINATION_MAP = Topic(
     *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True, limit=limits.PICTURE
 )
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
-"""What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
+"""A robot's report on its checkpoints, and the recorder's on the orders that it has received."""
 
 TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
-"""Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
+"""A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
-"""Of the world and of every robot: `frame_id` is an identity of the node's own, and its
-`ClaimRank`. The stamp (wall clock, since when) is for people only."""
+"""Claims of the world and of every robot: `frame_id` is the node's identity and its `ClaimRank`.
+The stamp (the claim's beginning by the wall clock) is for people only."""
 
 _EVENTS = (
     f"{ACTIVE_PERCEPTION.name}/_service_event",
     f"{ACTIVE_PERCEPTION.type_name}_Event",
 )
 SERVICE_EVENTS = Topic(*_EVENTS, ROBOT, _STEP)
-"""What rclpy publishes of the requests to a robot and of its answers."""
+"""The events of rclpy on the requests to a robot and its answers."""
 
 RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
-"""Where a recorder writes: the bag's directory."""
+"""The directory of a recorder's bag."""
 
 BODY_GOALS = Topic(
     *("goals", _NUMBERS, TEAM, _LATCHED),
     recorded=False,
     labels=("number", "place", "since", "halt"),
 )
-"""Where bodies are to go, of a world with bodies; see `protocol.lockstep.bodies`. After its own
-numbers come, for each robot that it tells something, `GOAL_LABELS` below the robot's name:
-`robot_1/from`, `robot_1/to`, cells. Whether all are to halt stands in the same message: a driver
-that starts late never hears a goal without it."""
+"""The goals of bodies; see `protocol.lockstep.bodies`. After its own numbers come, for each robot
+with a goal, `GOAL_LABELS` below the robot's name: `robot_1/from`, `robot_1/to`, cells. The order
+on halting is in the same message: a driver that starts late never receives a goal without it."""
 
 GOAL_LABELS = ("from", "to")
 
@@ -224,15 +223,15 @@ REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")
 REACHED = Topic(
     "reached", _NUMBERS, ROBOT, _EVENT, recorded=False, labels=REACHED_LABELS
 )
-"""Of a robot's driver: where the body is when its goal is over; cell -1: in none."""
+"""A driver's report of the body's cell at the end of its goal; cell -1: in none."""
 
 HALTED = Topic("halted", _TRUTH, ROBOT, _LATCHED, recorded=False)
-"""Of a robot's driver: whether it lets the body stand because it was told to halt."""
+"""A driver's report: whether it has stopped the body because of an order to halt."""
 
 POSE = Topic("pose", _POSE, ROBOT, _STEP, recorded=False)
 ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
-"""Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
+"""Topics of bodies: their poses by their localisation and by their wheels; their commands."""
 
 ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT, limit=limits.PICTURE)
 PARAMETER_EVENTS = Topic(
@@ -240,27 +239,28 @@ PARAMETER_EVENTS = Topic(
 )
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
-"""All of them, as they stand above."""
+"""All topics, in the order above."""
 
 TABLES_FOLDER = "tables/"
 PLANS_FOLDER = "improved/"
-"""What the names of a bag's attached tables begin with, and those of the plans made of them."""
+"""Prefixes of the names of a bag's attached tables, and of the plans made from them."""
 
 
 def tables_attachment(robot: str, step: int | str) -> str:
-    """Return the attachment's name of a robot's tables of a time step."""
+    """Return the name of the attachment of a robot's tables of a time step."""
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
 
 
 def improved_attachment(robot: str) -> str:
-    """Return the attachment's name of a robot's improved tables."""
+    """Return the name of the attachment of a robot's improved tables."""
     return f"{PLANS_FOLDER}{robot}.npz"
 
 
 WORLD = "world_simulator"
 RECORDER = "recorder"
-"""Roles, and what their nodes are called unless they are renamed: the world is who announces
-`run`, a recorder who publishes `_recording`; a robot's node has the robot's name."""
+"""Roles, and the names of their nodes unless they are renamed. The world is the node that
+announces `run`, a recorder a node that publishes `_recording`; a robot's node has the robot's
+name."""
 
 MAP_FRAME = "map"
 
@@ -273,18 +273,19 @@ ROBOT_NAMES = "names"
 QUESTIONS = "questions"
 WORDS = "words"
 OCCUPANCY = "occupancy"
-"""The namespaces of the scene's markers: texts over the robots, lines from who asks to whom, what
-came of it in words, boxes over the doorways."""
+"""The namespaces of the scene's markers: texts over the robots, lines from an asking robot to the
+asked one, the outcome in words, boxes over the doorways."""
 
 COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step")
-"""The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
-was behind; transitions given up as no reward came; updates made; the time step of the tables."""
+"""The numbers stored beside a robot's tables: percepts by their ends; requests repeated as the
+peer was behind; transitions without learning as no reward came; updates; the time step of the
+tables."""
 
 BAG_FORMAT = 4
-"""Number of what a bag holds, in its metadata record. In format 1 runs did not say `bodies`."""
+"""Version of a bag's content, in its metadata record. In format 1 runs had no `bodies`."""
 
 FORMAT_KEY = "format"
-"""What that number is called there."""
+"""The key of this version there."""
 
 
 class RunState(StrEnum):
@@ -301,14 +302,14 @@ class RunState(StrEnum):
 
 
 OVER = (RunState.FINISHED, RunState.STOPPED)
-"""The states after which a world says nothing more."""
+"""The states after which a world publishes no other."""
 
 
-class Began(StrEnum):
-    """Why an episode began, as `status` says it.
+class StartReason(StrEnum):
+    """Why an episode began, in `status`.
 
-    The run's first; all had arrived; `max_steps` were used up; a user asked for it; no robot was
-    left to wait for.
+    It is the run's first; all robots had arrived; `max_steps` were used up; a user requested it;
+    the world had no robot left to wait for.
     """
 
     START = "start"
@@ -321,7 +322,7 @@ class Began(StrEnum):
 class ClaimRank(IntEnum):
     """Ranks of claims to a node's name: the node in the more advanced state keeps its name.
 
-    It looks whether the name is taken; it has the name; it takes part in a run.
+    The node checks whether the name is taken; it has the name; it takes part in a run.
     """
 
     STARTING = 0
@@ -330,7 +331,7 @@ class ClaimRank(IntEnum):
 
 
 class Occasion(StrEnum):
-    """On which a robot publishes its tables."""
+    """The occasion on which a robot publishes its tables."""
 
     INITIAL = "initial"
     CHECKPOINT = "checkpoint"

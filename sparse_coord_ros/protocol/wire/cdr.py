@@ -1,15 +1,15 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as CDR, without ROS: where in a message's bytes its fields lie.
+"""Messages as CDR, without ROS: the places of fields in a message's bytes.
 
 Building, converting and decoding message objects costs more than a whole time step of
 Algorithm 1. But most messages differ only in a stamp and some numbers. A `Layout` knows the bytes
-of such a message: it packs one, reads one, and reads many at once, by columns. A message whose
-other bytes are not the expected ones is left to a decoder.
+of such a message: it packs one, reads one, and reads many at once, by columns. A decoder reads
+messages whose other bytes are not the expected ones.
 
 Padding bytes align the fields. rclpy leaves random memory in them, and reserves some bytes after
-the last field; here padding is zeros, and nothing follows the last field, so that every
-process packs the same bytes.
+the last field. Here padding is zeros, and the last field ends the message, so that every process
+packs the same bytes.
 """
 
 import struct
@@ -30,24 +30,24 @@ class Free(NamedTuple):
 
 
 class Fixed(NamedTuple):
-    """A field that is always the same."""
+    """A field with a constant value."""
 
     kind: str
     value: float | bytes
 
 
 Item = Free | Fixed | str
-"""A field; a text that is always the same."""
+"""A field, or a constant text."""
 
 
 class Layout:
-    """Where in a message's bytes its fields lie.
+    """The places of fields in a message's bytes.
 
     Args:
         items: the fields in the order of the type's definition.
 
     Attributes:
-        size: bytes of a message.
+        size: size of a message in bytes.
         kind: structured type of the free fields, with gaps between them.
     """
 
@@ -60,7 +60,7 @@ class Layout:
             gap = -(len(expected) - len(LITTLE_ENDIAN_CDR)) % alignment
             begin = len(expected) + gap
             expected.extend(bytes(gap) + data)
-            # of gaps anything goes
+            # gaps may have any bytes
             checked.extend(bytes(gap) + bytes([check]) * len(data))
             return begin
 
@@ -118,7 +118,7 @@ class Layout:
         )
 
     def unpack(self, data: bytes) -> tuple[Any, ...] | None:
-        """Return the values of one message, as `pack` takes them; None: of another layout."""
+        """Return the values of one message, as `pack` takes them; None: it has another layout."""
         if (
             len(data) != self.size
             or int.from_bytes(data) & self._fixed != self._expected
@@ -130,11 +130,11 @@ class Layout:
         """Read messages of at least this size; bytes beyond it are padding.
 
         Args:
-            content: bytes in which they lie.
-            begins: where each begins, shape (messages,).
+            content: bytes that contain them.
+            begins: offset of each, shape (messages,).
 
         Returns:
-            Which of them have this layout, bool, and the free fields of all; both of shape
+            Whether each has this layout, bool, and the free fields of all; both of shape
             (messages,).
         """
         rows = rows_at(content, begins, self.kind)
@@ -156,11 +156,11 @@ def _struct_code(kind: np.dtype) -> str:
 
 
 def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:
-    """Return the values at some places of bytes, an array of a structured type: (places,)."""
+    """Return the values at some offsets of bytes, an array of a structured type: (places,)."""
     if not len(places):
         return np.empty(0, dtype=kind)
     count = len(content) - kind.itemsize + 1
-    # A view that begins anew at every byte; taking rows of it copies each with one memcpy.
+    # A view with a row for every byte as its beginning; taking rows copies each with one memcpy.
     every = np.ndarray((count,), np.dtype(("V", kind.itemsize)), content, strides=(1,))
     return np.asarray(every[places].view(kind))
 
@@ -171,7 +171,7 @@ def stamp(prefix: str = "") -> list[Item]:
 
 
 def nothing(*kinds: str) -> list[Item]:
-    """Return fields that are 0; of `<u4` also sequences without an element."""
+    """Return fields that are 0; `<u4` also stands for an empty sequence."""
     return [Fixed(kind, 0) for kind in kinds]
 
 
@@ -185,5 +185,5 @@ def place(prefix: str = "") -> list[Item]:
 
 
 def place_at(x: float, y: float) -> list[Item]:
-    """Return the fields of a pose that is always the same."""
+    """Return the fields of a constant pose."""
     return [Fixed("<f8", x), Fixed("<f8", y), Fixed("<f8", 0.0), *UPRIGHT]

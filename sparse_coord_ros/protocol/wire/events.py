@@ -61,16 +61,16 @@ EVENT = np.dtype(
         ("seen", "?"),
     ]
 )
-"""One event: stamp of the request or the answer; its `EventKind`; when, by the wall clock of the
-robot that says it; the client's identity and its request's number; whether it holds a request; of
-a request the asker (-1: no robot) and where it is, of a response whether and where the asked robot
-is."""
+"""One event: stamp of the request or the answer; its `EventKind`; its time by the wall clock of
+the publishing robot; the client's identity and its request's number; whether it contains a
+request; of a request the asker (-1: no robot) and its position; of a response whether it has a
+position, and the asked robot's position."""
 
 
 def event_form(names: Sequence[str]) -> MessageForm:
     """Return the form of the events of nav_msgs/GetPlan in a team of robots.
 
-    A person's request may have any form: then only its head is read.
+    A person's request may have any form: then only its beginning is read.
     """
     info: list[Item] = [Free("kind", "u1"), *stamp("wall_")]
     info += [Free("client", "V16"), Free("number", "<i8")]

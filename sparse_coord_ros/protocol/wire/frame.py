@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Time steps and cells as the seconds and metres that messages speak of, and back.
+"""Conversion of time steps and cells to the seconds and metres of messages, and back.
 
-The nodes and the readers of their log share this object, so that both mean the same.
+The nodes and the readers of their log share this object, so that both convert equally.
 """
 
 from math import isfinite
@@ -23,8 +23,8 @@ class Frame:
     """The frame `map` and the clock of one run.
 
     Args:
-        run: the run; time step t is stamped t * step_period seconds, the map's lower left corner
-            lies at its `origin`, x points east, y north.
+        run: the run; time step t has the stamp t * step_period seconds, the map's lower left
+            corner lies at its `origin`, x points east, y north.
 
     Attributes:
         grid: the map.
@@ -66,7 +66,7 @@ class Frame:
         if cell is None:
             column = (x - self.origin[0]) // self.resolution
             south = (y - self.origin[1]) // self.resolution
-            # of a place far off they may overflow
+            # far away they may overflow
             if isfinite(column) and isfinite(south):
                 position = (self.grid.shape[0] - 1 - int(south), int(column))
                 cell = self.grid.number.get(position)

@@ -4,7 +4,7 @@
 
 A `MessageForm` has the byte layouts of a topic's messages, and the rows read from them. The nodes
 pack and read single messages by it (`Messages`), the log many at once, by columns.
-An error's text says what such a message does, such as "has no number labelled total".
+An error's text continues a sentence about the message, such as "has no number labelled total".
 """
 
 import struct
@@ -35,13 +35,13 @@ from sparse_coord_ros.protocol.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Fr
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 
 STAMPED = struct.Struct("<4xiI")
-"""How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
+"""Beginning of a message with a leading stamp, as CDR: encapsulation, sec, nanosec."""
 
 NS = ("ns", "i8")
 """The first column of every row: the message's stamp in nanoseconds."""
 
 Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
-"""Puts the free fields of messages into rows; returns which make sense, None: all."""
+"""Puts the free fields of messages into rows; returns whether each is valid, None: all are."""
 
 
 def stamps_of(fields: np.ndarray, prefix: str = "") -> np.ndarray:
@@ -60,7 +60,7 @@ def places_of(fields: np.ndarray, name: str) -> np.ndarray:
 
 
 def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
-    """Fill rows whose columns are called as the fields are."""
+    """Fill rows whose columns have the names of the fields."""
     rows["ns"] = stamps_of(fields)
     for name in (rows.dtype.names or ())[1:]:
         rows[name] = fields[name]
@@ -78,8 +78,8 @@ class MessageForm:
     Attributes:
         columns: structured type of a row: "ns" first, then the message's content.
         layouts: byte layouts, each with a function that fills rows from its fields.
-        read: of what other programs may publish in other layouts: gives the row of a decoded
-            message, as a tuple; ValueError where it makes no sense.
+        read: for messages that other programs publish in other layouts: returns the row of a
+            decoded message, as a tuple; ValueError if it is invalid.
     """
 
     columns: np.dtype
@@ -88,18 +88,18 @@ class MessageForm:
 
     @cached_property
     def layout(self) -> Layout:
-        """The layout of a form that has one."""
+        """The layout of a form with a single one."""
         return self.layouts[0][0]
 
     def rows(
         self, content: bytes, begins: np.ndarray, sizes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of many messages, and which of them have this form; both (messages,).
+        """Return the rows of many messages, and whether each has this form; both (messages,).
 
         Args:
-            content: bytes in which the messages lie.
-            begins: where each begins, shape (messages,).
-            sizes: their bytes, shape (messages,).
+            content: bytes that contain the messages.
+            begins: offset of each, shape (messages,).
+            sizes: size of each in bytes, shape (messages,).
         """
         rows = np.zeros(len(begins), dtype=self.columns)
         left = np.ones(len(begins), dtype=bool)
@@ -149,7 +149,7 @@ def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
 
 
 def labelled(labels: Sequence[str]) -> MessageForm:
-    """Return the form of a sensor_msgs/JointState whose positions, `numbers`, have labels."""
+    """Return the form of a sensor_msgs/JointState with labels for its positions, `numbers`."""
     count = len(labels)
 
     def read(message: Any) -> tuple[int, list[float]]:
@@ -194,11 +194,11 @@ POSE_FORM = MessageForm(
 ACTION_FORM = labelled(wire.ACTION.labels)
 REWARD_FORM = labelled(wire.REWARD.labels)
 REFEREED_FORM = labelled((*wire.REWARD.labels, wire.PARTNERS))
-"""Of rewards where the world has a `referee`."""
+"""The form of rewards in a world with a `referee`."""
 
 
 def path(count: int) -> list[Item]:
-    """Return the fields of a nav_msgs/Path of some poses, whose own stamps may be any."""
+    """Return the fields of a nav_msgs/Path of some poses; the poses may have any stamps."""
     items: list[Item] = [*header(), Fixed("<u4", count)]
     for number in range(count):
         items += [*header(f"{number}_"), *place(f"{number}_")]
@@ -229,7 +229,7 @@ def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
 
     Args:
         frame: the run's frame.
-        due: the required data, which then are no column; None: any data.
+        due: the required data, which then are not a column; None: any data.
     """
     rows, columns = frame.grid.shape
     count = rows * columns
@@ -252,7 +252,7 @@ CUBE = 1
 SPHERE = 2
 CYLINDER = 3
 SHOW = 0
-"""Shapes of visualization_msgs/Marker, and what is to be done with it."""
+"""Shapes and actions of visualization_msgs/Marker."""
 
 
 def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
@@ -345,7 +345,7 @@ class Messages(Frame):
 
     Args:
         run: the run.
-        decode: returns the message that bytes of a topic hold, which have no known layout.
+        decode: returns the message from a topic's bytes without a known layout.
     """
 
     def __init__(
@@ -409,7 +409,7 @@ class Messages(Frame):
         """Return (step, reward) of a reward.
 
         Raises:
-            ValueError: labels are missing or doubled, or a number is none.
+            ValueError: labels are missing or doubled, or a value is not a number.
         """
         sec, nanosec, *numbers = self._read(wire.REWARD, self._reward, data)
         if not all(map(isfinite, numbers)):
@@ -431,13 +431,13 @@ class Messages(Frame):
 
         Raises:
             ValueError: labels are missing or doubled, (east, north) is no primitive action, or
-                another number is none that a robot says.
+                another number is invalid.
         """
         step, action, _ = self._action(data)
         return step, action
 
     def unpack_self_report(self, data: bytes) -> tuple[int, Action, wire.SelfReport]:
-        """Return (step, action, self-report); errors as of `unpack_action`."""
+        """Return (step, action, self-report); errors as in `unpack_action`."""
         step, action, numbers = self._action(data)
         said = numbers[-len(SELF_REPORT_TYPES) :]
         if not all(map(isfinite, said)):
@@ -461,7 +461,7 @@ class Messages(Frame):
     def pack_coordination_map(self, step: int, q_star: np.ndarray) -> bytes:
         """Return the cells where a robot asks as CDR of nav_msgs/OccupancyGrid.
 
-        It is 100 there, 0 elsewhere, -1 in walls.
+        The value is 100 there, 0 elsewhere, -1 in walls.
         """
         return self._grid.pack(*self.stamp(step), self._grids.coordination(q_star))
 
@@ -470,7 +470,7 @@ class Messages(Frame):
 
         Args:
             stamp: (sec, nanosec).
-            cells: of the robots.
+            cells: the robots' cells.
         """
         doorways = stamp * len(self.grid.doorways)
         robots = (

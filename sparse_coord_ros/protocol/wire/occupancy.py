@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The data of a run's occupancy grids, as they are published and as a log must hold them."""
+"""The data of a run's occupancy grids, as they are published and must be in a log."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ class OccupancyData:
 
     Attributes:
         map: walls occupied, all else empty.
-        places: where in the data each free cell is, shape (cells,).
+        places: index of each free cell in the data, shape (cells,).
     """
 
     def __init__(self, frame: Frame) -> None:

@@ -8,20 +8,21 @@ The fields' names are the labels of the messages' values, with noted exceptions.
 from typing import Any, NamedTuple
 
 NO_ORDER = ""
-"""In place of the name of an order: none stands."""
+"""In place of the name of an order: there is no order."""
 
 NO_ROLLBACK = -1
-"""In place of a checkpoint's step: robots publish their progress, and go on where they are."""
+"""In place of a checkpoint's step: robots publish their progress, and keep their states."""
 
 FURTHEST_STEP = 2**25
-"""No run comes further: it has 10^7 transitions at most, and two time steps between episodes."""
+"""Upper limit of time steps: a run has 10^7 transitions at most, and two steps between
+episodes."""
 
 
 class Order(NamedTuple):
-    """The world's word to go back.
+    """The world's order to go back.
 
     Attributes:
-        name: a new one for each order; `NO_ORDER`: no order stands.
+        name: a new one for each order; `NO_ORDER`: there is no order.
         step: the checkpoint to go back to, or `NO_ROLLBACK`.
         first: the time step of the first local state after it.
     """
@@ -35,14 +36,14 @@ class RunStatus(NamedTuple):
     """The content of `status`.
 
     Attributes:
-        run: the identity of the world's run, which `run.yaml` gives as `id`.
-        state: a `RunState`; the message itself, not one of its values.
+        run: the identity of the world's run, `id` in `run.yaml`.
+        state: a `RunState`; it is the status's text, not one of its values.
         step: the time step.
         transitions: number of transitions made.
-        left_out: (robot, step) pairs of them that the world made without the robot, though it had
-            not arrived.
-        began: why the episode began, a `Began`.
-        order: to go back to a checkpoint, where one stands: the value `rollback`.
+        left_out: number of (robot, step) pairs: transitions without the robot's action although it
+            had not arrived.
+        began: why the episode began, a `StartReason`.
+        order: the current order to go back to a checkpoint: the value `rollback`.
     """
 
     run: str
@@ -74,7 +75,7 @@ def read_status(message: Any) -> RunStatus:
     """Return the status of the run in a message on `status`.
 
     Raises:
-        ValueError: a value is missing, or no number.
+        ValueError: a value is missing, or not a number.
     """
     values = values_of(message, "step", "transitions", "left_out", "began")
     step, transitions, left_out = (int(values[name]) for name in RunStatus._fields[2:5])
@@ -95,13 +96,13 @@ class Progress(NamedTuple):
     """A robot's report when it joins, has saved, or has obeyed.
 
     Attributes:
-        life: names the process; another one than before: the robot was replaced.
-        step: the time step that it has worked off.
-        transitions: that it has seen.
-        checkpoints: steps that it can go back to, 0 (the run's beginning) among them; none where
-            it keeps no checkpoints.
+        life: the identity of the process; a new one means that the robot was replaced.
+        step: the time step that it has processed.
+        transitions: number of transitions that it has seen.
+        checkpoints: steps of its checkpoints, 0 (the run's beginning) included; empty if it keeps
+            none.
         obeyed: the newest order that it has obeyed.
-        resumed: it was started to go on where its predecessor was, not to begin anew.
+        resumed: it was started to continue where its predecessor was, not to begin anew.
     """
 
     life: str

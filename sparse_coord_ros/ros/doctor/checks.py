@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Is this package installed as a whole, does numba compile, and what may keep nodes apart?"""
+"""Checks: is this package completely installed, does numba compile, can nodes connect?"""
 
 import os
 import platform
@@ -19,7 +19,7 @@ from sparse_coord_ros.ros.nodes.environment import DOMAIN, PROFILES, RANGE, ros_
 FINE = "ok"
 HINT = "hint"
 WRONG = "wrong"
-"""It works; it works, and could be better or may surprise; it does not work."""
+"""It works; it works, with a hint or a surprise; it does not work."""
 
 RANGES = {
     "SUBNET": "this network",
@@ -29,10 +29,10 @@ RANGES = {
 """The ranges in which nodes find each other."""
 
 ALSO = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", PROFILES)
-"""Further variables that decide who hears whom."""
+"""Further variables that decide which nodes hear each other."""
 
 PARTICIPANT = 600_000
-"""Bytes of shared memory that a process with ROS takes: its segment, and a port."""
+"""Bytes of shared memory of a process with ROS: its segment, and a port."""
 
 
 class Finding(NamedTuple):
@@ -80,7 +80,7 @@ def compiler() -> Finding:
             "times slower"
         )
         return Finding(HINT, "numba", text, "pip install numba")
-    except Exception as error:  # whatever an installation that does not fit raises
+    except Exception as error:  # a broken installation may raise any exception
         text = f"does not work: {' '.join(str(error).split())}"
         return Finding(WRONG, "numba", text, "pip install --upgrade numba numpy")
     folder = compiling.folder()
@@ -99,7 +99,7 @@ def compiler() -> Finding:
 
 
 def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
-    """Look at ROS's environment variables."""
+    """Check ROS's environment variables."""
     try:
         yield Finding(FINE, "discovery", f"{DOMAIN} {ros_domain(variables)}")
     except RunError as error:
@@ -118,10 +118,10 @@ def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
 
 
 def shared_memory(folder: Path = Path("/dev/shm")) -> Iterator[Finding]:
-    """Look at the shared memory by which nodes on one machine talk.
+    """Check the shared memory that connects nodes on one machine.
 
     Args:
-        folder: where it is.
+        folder: its directory.
     """
     from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 

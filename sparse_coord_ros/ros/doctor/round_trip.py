@@ -3,7 +3,7 @@
 """Do two processes find each other over ROS 2 and hear each other?
 
 Two children are started (`python -m sparse_coord_ros.ros.doctor.round_trip echo NAME`, and `ask`):
-a crash or a hang in the middleware is then a finding, and no end of the doctor.
+a crash or a hang in the middleware is then a finding, and does not end the doctor.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ SECONDS = 8.0
 """How long the asker waits for an answer."""
 
 START_SECONDS = 20.0
-"""How long importing rclpy may take beside that, on a slow machine."""
+"""How long the import of rclpy may take in addition, on a slow machine."""
 
 GRACE_SECONDS = 5.0
-"""How long a process may take to leave: one that is killed leaves files in shared memory."""
+"""How long a process may take to end: a killed one leaves files in shared memory."""
 
 TESTED_MIDDLEWARE = "rmw_fastrtps_cpp"
 """The middleware that this package is tested with."""
@@ -39,10 +39,10 @@ OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
     (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
     (RANGE, "LOCALHOST", "multicast does not work here, or discovery is turned off"),
 )
-"""What to try without an answer, and the cause if that helps."""
+"""Remedies to try without an answer, and the cause that each would show."""
 
 SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
-"""Variables that keep ROS from starting, or nodes apart, where they are wrong."""
+"""Variables whose wrong values prevent ROS from starting, or nodes from connecting."""
 
 
 def findings() -> Iterator[Finding]:
@@ -89,8 +89,8 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
         changes: environment variables to change.
 
     Returns:
-        `rmw`, and `round_trip`, the seconds until the first answer, where one came; or `missing`,
-        why rclpy cannot be imported; or `problem`.
+        `rmw`, and `round_trip`, the seconds until the first answer, if one came; or `missing`, why
+        rclpy cannot be imported; or `problem`.
     """
     name = f"sparse_coord_doctor_{os.getpid()}"
     env = {**os.environ, **(changes or {})}

@@ -23,7 +23,7 @@ from sparse_coord_ros.lab.driving.body_simulator import (
 from sparse_coord_ros.lab.driving.steering import Command
 from sparse_coord_ros.lab.driving.transforms import parent_of
 from sparse_coord_ros.lab.driving.trials import simulator_of
-from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
@@ -34,13 +34,13 @@ from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.ros.nodes.spin import run_node
 
 REPEAT_POSES_SECONDS = 0.5
-"""After this silence poses are published again: a driver that has just come has none."""
+"""After this silence poses are published again: a driver that has just started has none."""
 
 FASTEST = 1000.0
-"""Metres or radians a second that no body makes: who tells it more is not listened to."""
+"""Speed limit, in metres or radians a second: larger commands are ignored."""
 
 MOST_MOMENTS = 1_000_000
-"""Ticks of which the paths are kept."""
+"""The paths are kept for this many ticks at most."""
 
 
 class BodyNode(Follower):
@@ -113,7 +113,7 @@ class BodyNode(Follower):
         elif self.simulator.told(robot, command):
             self._say(look=True)
 
-    def _on_reached(self, reached: Reached) -> None:
+    def _on_reached(self, reached: GoalReport) -> None:
         if self.values["body_rate"] == 0 and self.simulator.reached(
             reached.robot, reached.number
         ):
@@ -124,7 +124,7 @@ class BodyNode(Follower):
         self._say(look=True)
 
     def _say(self, *, look: bool) -> None:
-        """Publish where the bodies are; `look`: they are looked at anew, else as last time."""
+        """Publish the bodies' poses; `look`: the current ones, else those of the last call."""
         simulator = self.simulator
         self._said = time.monotonic()
         if look:
@@ -138,7 +138,7 @@ class BodyNode(Follower):
             self._time_publisher.publish(CLOCK_FORM.layout.pack(sec, nanosec))
         for k, body in enumerate(simulator.bodies):
             if not look and k not in simulator.waits_for:
-                continue  # its driver would take it for unheard, and say too much
+                continue  # its driver would think that the body did not hear it
             odom, base = self._frames[k]
             header, within = (
                 Header(stamp=stamp, frame_id=one) for one in (MAP_FRAME, odom)
@@ -163,7 +163,7 @@ class BodyNode(Follower):
             self._say(look=False)
 
     def report(self) -> None:
-        """Publish how often bodies touched each other and the walls."""
+        """Publish the number of collisions of bodies with each other and with walls."""
         self._report("driving", self.summary())
 
     def summary(self) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tests whether a user's robot node keeps the contract of docs/own_robot.md.
 
-The world, and peers that stand still, are played by a script, which also loses a reward, says a
-state again, speaks for another run, and orders the robot back.
+A script plays the world, and peers that stand still. It also loses a reward, repeats a state,
+publishes messages of another run, and orders the robot back.
 """
 
 import os
@@ -55,10 +55,10 @@ STATUS_SECONDS = 0.2
 KEPT = "kept"
 BROKEN = "BROKEN"
 NOT_SEEN = "not seen"
-"""What is said of an obligation; the last: the robot did nothing that it is about."""
+"""The verdicts on an obligation; the last: the robot never came into a case of it."""
 
 
-class Judged(NamedTuple):
+class ObligationResult(NamedTuple):
     """One obligation, and how the robot kept it.
 
     Attributes:
@@ -82,7 +82,7 @@ class Judged(NamedTuple):
 
 
 class EnoughError(Exception):
-    """The robot does not act: nothing more can be judged."""
+    """The robot does not act: the test cannot continue."""
 
 
 @dataclass
@@ -90,8 +90,8 @@ class Note:
     """The messages and actions at a time step.
 
     Attributes:
-        states: how often the robot's state was said.
-        due: whether it is to be answered.
+        states: how often the robot's state was published.
+        due: whether the robot has to act on it.
         said: its actions.
         questions: number of its questions.
         poses: number of poses in its percept; 0: no percept.
@@ -111,8 +111,8 @@ class ScriptedWorld(WorldTopics):
         robot: the robot's name; empty: the scenario's first.
         scenario: the scenario's name or file.
         executor: runs the node of this world; a robot of the same process too.
-        ended: returns what is left of the robot's process; "" once it is gone.
-        checkpoints: whether the robot has to keep checkpoints; else it may keep none.
+        ended: returns an error while the robot's process is left; "" once it is gone.
+        checkpoints: whether the robot must keep checkpoints.
         place: where the node is made.
 
     Attributes:
@@ -172,7 +172,7 @@ class ScriptedWorld(WorldTopics):
     # Messages sent, also by the lock step, and messages received.
 
     def state(self, robot: int, step: int, cell: int) -> None:
-        """Publish a state; note whether the robot is to answer it."""
+        """Publish a state; note whether the robot has to act on it."""
         if robot == self.k:
             game = self.run.scenario
             note = self.notes[step]
@@ -182,7 +182,7 @@ class ScriptedWorld(WorldTopics):
         super().state(robot, step, cell)
 
     def reward(self, robot: int, step: int, reward: Reward) -> None:
-        """Publish a reward, unless it is to be lost; each fourth has a fine, a reason to ask."""
+        """Publish a reward, unless it is to be lost; every fourth has a fine, a reason to ask."""
         if robot == self.k and step % 4 == 0:
             fine = self.run.scenario.penalty
             reward = reward._replace(
@@ -192,7 +192,7 @@ class ScriptedWorld(WorldTopics):
             super().reward(robot, step, reward)
 
     def keep(self, step: int) -> None:
-        """Keep where the world is."""
+        """Save the world's state at a time step."""
         self.kept[step] = self.side.snapshot(step)
 
     def _on_action(self, said: tuple[int, Action, SelfReport]) -> None:
@@ -202,7 +202,7 @@ class ScriptedWorld(WorldTopics):
         self.notes[self._step_of(message)].poses = len(message.poses)
 
     def _on_question(self, peer: int, request: Any, response: Any) -> Any:
-        """Answer: at first not there yet, then its cell; at each third step a refusal."""
+        """Answer: first "not at this step yet", then the cell; at every third step a refusal."""
         step = self._step_of(request.start)
         self.notes[step].questions += 1
         there = self.notes[step].questions > 1
@@ -265,7 +265,7 @@ class ScriptedWorld(WorldTopics):
                 once,
                 f"step {step}: {len(said)} actions, {note.states} states",
             )
-        if questions:  # left out, it may have asked and not acted
+        if questions:  # a robot that is left out may ask and not act
             left_out = bool(note.states and not said)
             self.expect(
                 "asks", asked or left_out, f"a question at step {step}, no COORDINATE"
@@ -283,7 +283,7 @@ class ScriptedWorld(WorldTopics):
     def answer(self, step: int) -> tuple[int, Action, SelfReport] | None:
         """Return the robot's first action of a time step; None: it does not come in time.
 
-        As the world does, say everything again meanwhile.
+        Meanwhile all messages are repeated, as the world does.
         """
         said = self.notes[step].said
         deadline = time.monotonic() + self.run.step_timeout
@@ -306,7 +306,7 @@ class ScriptedWorld(WorldTopics):
 
     @property
     def _age(self) -> int:
-        """How many steps the episode is old."""
+        """The age of the episode in time steps."""
         return self.world.step - self.world.position().episode_start
 
     def turn(self, what: str = "acts") -> SelfReport:
@@ -368,7 +368,7 @@ class ScriptedWorld(WorldTopics):
         self.side.start()
 
     def says_again(self, what: str) -> None:
-        """Say a state again that the robot has answered, then once more when it is over."""
+        """Repeat a state on which the robot has acted, then once more after its time step."""
         step = self.world.step
         cell = self.world.cells[self.k]
         self.answer(step)
@@ -398,7 +398,7 @@ class ScriptedWorld(WorldTopics):
         )
 
     def ends_episode(self, what: str) -> None:
-        """Let the robot arrive while it chooses, be quiet, and begin an episode."""
+        """Let the robot arrive while it chooses, publish nothing, and begin an episode."""
         step = self.world.step
         robot = self.run.scenario.robots[self.k]
         self.answer(step)
@@ -424,9 +424,7 @@ class ScriptedWorld(WorldTopics):
         publishers[0].publish(String(data=another))
         publishers[1].publish(status("x", RunState.FINISHED, values))
         self.wait(lambda: False, QUIET_SECONDS)
-        for (
-            publisher
-        ) in publishers:  # of each world that is there our robots want to be heard
+        for publisher in publishers:  # robots wait until every world hears them
             self.node.destroy_publisher(publisher)
         self.expect(
             what, self.progress.obeyed != order.name, "obeyed an order of another run"
@@ -434,7 +432,7 @@ class ScriptedWorld(WorldTopics):
         self.turn(what)
 
     def asks_for_progress(self, what: str) -> None:
-        """Ask where the robot is, and begin an episode after that."""
+        """Ask for the robot's progress, then begin an episode."""
         self._order(what, NO_ROLLBACK, self.side.snapshot())
 
     def orders_back(self, what: str) -> None:
@@ -478,12 +476,14 @@ class ScriptedWorld(WorldTopics):
         self.wait(lambda: not self._ended(), END_SECONDS)
         self.expect(what, not self._ended(), self._ended())
 
-    def judged(self) -> Iterator[Judged]:
+    def judged(self) -> Iterator[ObligationResult]:
         """Yield how each obligation was kept."""
         for name, (place, text, _) in OBLIGATIONS.items():
             broken = self.broken.get(name, "")
             kept = KEPT if name in self.seen else NOT_SEEN
-            yield Judged(name, text, BROKEN if broken else kept, broken, place)
+            yield ObligationResult(
+                name, text, BROKEN if broken else kept, broken, place
+            )
 
 
 BEGIN = "when-a-world-begins"
@@ -554,8 +554,8 @@ OBLIGATIONS: dict[str, tuple[str, str, Callable[[ScriptedWorld, str], None] | No
         ScriptedWorld.ends,
     ),
 }
-"""What a robot is obliged to: where that stands, what it is, and what puts it to the test, in this
-order (None: all the rest does)."""
+"""The obligations of a robot: each with its place in docs/interface.md, its text, and its test, in
+this order (None: all other tests test it)."""
 
 
 def left(child: subprocess.Popen[bytes]) -> str:
@@ -576,12 +576,12 @@ def judge(
     scenario: str = "env1",
     namespace: str = "",
     checkpoints: bool = False,
-) -> list[Judged]:
+) -> list[ObligationResult]:
     """Judge a robot, and return how it kept each obligation.
 
     Args:
-        command: starts the robot, which is ended then; empty: it runs already.
-        stop: ends it all at a signal.
+        command: starts the robot, which is ended after the test; empty: it runs already.
+        stop: ends the test at a signal.
         robot: its name; empty: that of the scenario's first robot.
         scenario: the scenario's name or file.
         namespace: of the robot.

@@ -30,7 +30,7 @@ class DirectRecording:
     """The topics of one process that are recorded directly.
 
     Attributes:
-        closed: the recorder has failed; the other nodes do not wait for it any more.
+        closed: the recorder has failed; the other nodes no longer wait for it.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The driver node: steers a robot's body to its cells, and says which cell the body is in."""
+"""The driver node: steers a robot's body to its cells, and reports the body's cell."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ class DriverNode(MoverNode):
     driver: Driver
 
     def set_up(self) -> None:
-        """Offer commands, too."""
+        """Also create the publisher of commands."""
         super().set_up()
         topic = ros_topics.CMD_VEL
         self._type: Any = TwistStamped if self.values["stamped"] else topic.type
@@ -64,13 +64,13 @@ class DriverNode(MoverNode):
         return "" if heard else f"a body that hears {self._cmd_vel.topic_name}"
 
     def halt(self, why: str = "") -> None:
-        """Let the body stand."""
+        """Stop the body."""
         self._command(STOP)
         if why:
             self.get_logger().warning(why, throttle_duration_sec=5.0)
 
     def stands(self) -> bool:
-        """Return whether the body was told to stand: it was."""
+        """Return True: the command to stop has been sent."""
         return True
 
     def finish(self, *, interrupted: bool) -> None:

@@ -17,12 +17,12 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 DOMAIN = "ROS_DOMAIN_ID"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 MOST_PARTICIPANTS = 32
-"""How many participants find each other with the range LOCALHOST: rmw_fastrtps looks for the first
-32 of a domain (maxInitialPeersRange)."""
+"""Number of participants that find each other with the range LOCALHOST: rmw_fastrtps looks for the
+first 32 of a domain (maxInitialPeersRange)."""
 
 
 def check_participants(count: int) -> None:
-    """Refuse to start more processes than find each other on this machine.
+    """Refuse to start more processes than can find each other on this machine.
 
     Raises:
         RunError: they are too many for the discovery range.
@@ -35,7 +35,7 @@ def check_participants(count: int) -> None:
 
 
 LAST_DOMAIN = 232
-"""The ports of DDS end there."""
+"""The last domain that has ports of DDS."""
 
 
 def ros_domain(variables: Mapping[str, str] = os.environ) -> int:
@@ -54,16 +54,16 @@ def ros_domain(variables: Mapping[str, str] = os.environ) -> int:
 
 SECURITY = "ROS_SECURITY_ENABLE"
 SECURITY_MARK = b"dds.sec.auth.plugin"
-"""What a Fast DDS with DDS-Security knows by name."""
+"""A name that only a Fast DDS with DDS-Security contains."""
 
 
 def check_security() -> None:
-    """Refuse to start where DDS-Security is asked for and the Fast DDS that is here has none.
+    """Refuse to start where the user wants DDS-Security and the installed Fast DDS has none.
 
-    That is the one of the PyPI wheels. Others, such as that of the apt packages, have it.
+    The Fast DDS of the PyPI wheels has none. Others, such as that of the apt packages, have it.
 
     Raises:
-        RunError: nothing would be secured.
+        RunError: the messages would not be secured.
     """
     library = Path(sys.prefix) / "lib" / "libfastrtps.so"
     if os.environ.get(SECURITY, "").lower() != "true" or not library.exists():
@@ -81,10 +81,10 @@ def repair_promptly() -> None:
 
     On a busy machine its shared memory drops messages, and networks lose frames. In a short run
     the repeats would come after the end, or after they were overwritten. The profiles also
-    let a reader hear a writer of its own process that has written much: see
-    `config/fastdds.xml`. Profiles that the user has chosen stay, and other middlewares take no
-    notice. Profiles in the current directory are skipped: Fast DDS would take them unasked, and
-    they may name any file to write.
+    let a reader hear a writer of its own process that has written much: see `config/fastdds.xml`.
+    Profiles that the user has chosen stay, and other middlewares ignore this setting. Profiles in
+    the current directory are skipped: Fast DDS would load them without a request, and they may
+    name any file to write.
     """
     os.environ["SKIP_DEFAULT_XML_FILE"] = "1"
     os.environ.setdefault(PROFILES, _profiles("fastdds.xml"))
@@ -93,8 +93,8 @@ def repair_promptly() -> None:
 def one_host() -> dict[str, str]:
     """Return the environment for processes of a team that are all on this machine.
 
-    Each offer is answered, by every reader: every 10 ms that costs more than it saves where no
-    network loses anything, so here it is every 50 ms. Profiles that the user has chosen stay.
+    Every reader answers each offer. Where no network loses messages, offers every 10 ms cost more
+    than they save, so the period here is 50 ms. Profiles that the user has chosen stay.
     """
     chosen = os.environ.get(PROFILES, _profiles("fastdds.xml"))
     if chosen == _profiles("fastdds.xml"):

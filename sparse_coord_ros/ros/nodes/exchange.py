@@ -20,14 +20,14 @@ from sparse_coord_ros.ros.nodes.follower import TICK_SECONDS
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 AGAIN_TICKS = 25
-"""Ticks between two questions to a peer that has not answered, or is not ready yet."""
+"""Ticks between two requests to a peer that has not answered, or is not ready yet."""
 
 
 class Exchange:
     """A robot's part in the exchange.
 
-    A robot stays until all peers have asked, and waits no longer than `step_timeout`,
-    counted in ticks of its own: a process that is busy hears nothing.
+    A robot stays until all peers have requested its memory, but no longer than `step_timeout`. The
+    time is counted in the robot's own ticks: a busy process receives no messages.
 
     Args:
         node: the robot's node.
@@ -49,9 +49,9 @@ class Exchange:
         node.create_service(Trigger, LEARNED.of("~"), self._answer)
 
     def over(self) -> bool:
-        """Ask who has not answered; return whether all know all, or had their time.
+        """Ask silent peers again; return whether the exchange is complete or timed out.
 
-        Called with every tick once the robot has learned all that there is.
+        Called with every tick after the robot's last learning step.
         """
         if not self._ticks:
             self._learned[self._number] = self._packed()
@@ -100,7 +100,7 @@ class Exchange:
         return response
 
     def _take(self, k: int, future: Future) -> None:
-        """Take in a peer's memory, if a robot of this run can have learned it."""
+        """Read a peer's memory, if a robot of this run can have learned it."""
         answer = future.result()
         if answer is None or not answer.success or k in self._learned:
             return

@@ -22,7 +22,7 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode, Place
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
 STOP_SECONDS = 1.0
-"""How long a node that gets a signal waits for the world's last word: both may get it."""
+"""How long a node that gets a signal waits for the world's last status: both may get it."""
 
 
 class Follower(ParameterNode):
@@ -30,12 +30,12 @@ class Follower(ParameterNode):
 
     In this order: `may_begin` until it is true, `begin` once, then with every tick `go_on`, every
     second `report`, with every status of the run's world `world_said`. After the run's end the
-    node is `done` as soon as `all_done` says so. A world that is silent for the parameter
-    `world_timeout` is lost: `lost` ends the node.
+    node is `done` as soon as `all_done` returns True. A world that is silent for the time of the
+    parameter `world_timeout` is lost: `lost` ends the node.
 
     Args:
         name: the node's name unless the command line remaps it.
-        table: its parameters; without `world_timeout` the world is waited for for ever.
+        table: its parameters; without `world_timeout` the node waits for the world for ever.
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
@@ -65,15 +65,15 @@ class Follower(ParameterNode):
         self.create_timer(self.tick_seconds, self._tick)
 
     def set_up(self) -> None:
-        """Refuse an output directory that cannot be, before there is a run."""
+        """Refuse an impossible output directory before a run is announced."""
         check_place(self.values.get("out", ""))
 
     def may_begin(self, now: float) -> bool:
-        """Return whether the node is ready for a run; asked with every tick until it begins."""
+        """Return whether the node is ready for a run; called with every tick until it begins."""
         return True
 
     def wait(self) -> None:
-        """Wait for a run to be announced; called with every tick until one is.
+        """Wait for the announcement of a run; called with every tick until it comes.
 
         Raises:
             RunError: no world simulator has announced one within `startup_timeout`.
@@ -89,19 +89,19 @@ class Follower(ParameterNode):
             )
 
     def check(self, run: RunConfig) -> None:
-        """Raise `SparseCoordError` where the node cannot follow a run; it waits for another."""
+        """Raise `SparseCoordError` if the node cannot follow a run; it waits for another."""
 
     def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
 
     def world_said(self, said: RunStatus) -> None:
-        """Take in a status of the run's world, also the last one before the node began."""
+        """Read a status of the run's world, also the last one before the node began."""
 
     def go_on(self, now: float) -> None:
         """Do the work that is due; called with every tick."""
 
     def report(self) -> None:
-        """Say how it goes; called every second."""
+        """Publish diagnostics; called every second."""
 
     def all_done(self, now: float) -> bool:
         """Return whether all work after the run's end is done."""
@@ -179,7 +179,7 @@ class Follower(ParameterNode):
             self.look_for_the_world(now)
 
     def look_for_the_world(self, now: float) -> None:
-        """Say where the run's world is silent; called with every tick before the run's end."""
+        """Report that the run's world is silent; called with every tick before the run's end."""
         assert self.presence is not None
         if self.presence.silent(now) < SILENT_SECONDS:
             self._missing.over()

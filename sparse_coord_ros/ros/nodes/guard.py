@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Guards against second owners of a node's name, services and topics.
 
-Of two nodes of one name one ends. Each says on its latched topic `~/_claim` who it is and how far
-it has come: starting, holding the name, taking part in a run. Discovery may take seconds, so this
-is never settled for good: whenever two learn of each other, the one behind ends; of two that are
-equally far, the one with the higher identity. No clock matters, and a node that takes part
+Of two nodes of one name one ends. Each publishes on its latched topic `~/_claim` its identity and
+its stage: starting, holding the name, taking part in a run. Discovery may take seconds, so this is
+never settled for good. Whenever two nodes discover each other, the node at the earlier stage ends;
+at equal stages, the one with the higher identity. Clocks play no part, and a node that takes part
 in a run never leaves it for another.
 
-A topic or service may have a second owner of another name, which claims nothing. rclpy does not
-tell who sent a message, but the graph tells that there is a second publisher: it is named in a
-warning. The server of a service publishes its answers.
+A topic or service may have a second owner of another name, without a claim. rclpy does not give
+the sender of a message, but the graph contains the second publisher: a warning names it. The
+server of a service is the publisher of its answers.
 
-That two whole teams start at once on one machine is refused earlier, by `cli.live.sole_team`:
-claims would give each of them some of the names.
+`cli.live.sole_team` refuses earlier to start two whole teams at once on one machine: claims would
+give each of them some of the names.
 """
 
 import time
@@ -30,10 +30,10 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.ros_topics import CLAIM, CLAIMS_QOS
 
 ANSWERS = "rr{}Reply"
-"""What the DDS middlewares of ROS 2 call the topic of a service's answers."""
+"""Name of the topic of a service's answers in the DDS middlewares of ROS 2."""
 
 UNKNOWN_NODE = "NODE_NAME_UNKNOWN"
-"""Part of what rcl calls a node that it has only half discovered."""
+"""Part of the name that rcl gives a node that it has only half discovered."""
 
 
 def in_words(names: Sequence[str], who: str) -> str:
@@ -42,20 +42,20 @@ def in_words(names: Sequence[str], who: str) -> str:
     return f"{said}: stop the others (a node that was killed is forgotten after 20 s)"
 
 
-class Claim(NamedTuple):
-    """A node's claim to its name: an identity of its own, and how far it has come."""
+class NameClaim(NamedTuple):
+    """A node's claim to its name: its identity, and its stage."""
 
     id: str
     rank: ClaimRank
 
-    def yields_to(self, other: "Claim") -> bool:
+    def yields_to(self, other: "NameClaim") -> bool:
         """Return whether this node ends because of another one of its name."""
         if self.rank == ClaimRank.JOINED:
             return False
         return (other.rank, self.id) > (self.rank, other.id)
 
 
-def read_claim(header: Any) -> Claim:
+def read_claim(header: Any) -> NameClaim:
     """Return the claim in a message.
 
     Raises:
@@ -64,7 +64,7 @@ def read_claim(header: Any) -> Claim:
     identity, _, rank = header.frame_id.partition(" ")
     if not identity or rank.upper() not in ClaimRank.__members__:
         raise ValueError(f"has the frame_id {header.frame_id!r}, which is not a claim")
-    return Claim(identity, ClaimRank[rank.upper()])
+    return NameClaim(identity, ClaimRank[rank.upper()])
 
 
 def owners(node: Node, name: str, *, service: bool) -> list[str]:
@@ -74,7 +74,7 @@ def owners(node: Node, name: str, *, service: bool) -> list[str]:
     the list is empty.
 
     Args:
-        node: looks into its graph.
+        node: its graph is searched.
         name: the full name of the topic or service.
         service: whether it is a service.
     """
@@ -91,7 +91,7 @@ class Guard:
     """Guards a node's name, topics and services.
 
     Args:
-        node: the node; its `fail` is called where another node keeps the name.
+        node: the node; its `fail` is called if another node keeps the name.
 
     Attributes:
         claim: the node's claim.
@@ -100,7 +100,7 @@ class Guard:
 
     def __init__(self, node: ParameterNode) -> None:
         self._node = node
-        self.claim = Claim(uuid.uuid4().hex, ClaimRank.STARTING)
+        self.claim = NameClaim(uuid.uuid4().hex, ClaimRank.STARTING)
         self.doubled: set[str] = set()
         self._since = divmod(time.time_ns(), 1_000_000_000)
         self._warned = False
@@ -113,7 +113,7 @@ class Guard:
         self._say()
 
     def holds(self, now: float) -> bool:
-        """Return whether the node has its name: no earlier owner has been heard in time."""
+        """Return whether the node has its name: no earlier owner has announced itself in time."""
         if now - self._node.born < self._node.values["claim_window"]:
             return False
         self._rise(ClaimRank.HOLDING)
@@ -137,7 +137,7 @@ class Guard:
         )
 
     def look(self) -> None:
-        """Look at topics and services, and warn once of each that has a second owner."""
+        """Check topics and services, and warn once of each that has a second owner."""
         node = self._node
         more = [name for name in self._topics if node.count_publishers(name) > 1]
         more += [name for name in self._services if node.count_services(name) > 1]
@@ -159,7 +159,7 @@ class Guard:
         header.stamp.sec, header.stamp.nanosec = self._since
         self._publisher.publish(header)
 
-    def _on_claim(self, other: Claim) -> None:
+    def _on_claim(self, other: NameClaim) -> None:
         name = self._node.get_fully_qualified_name()
         if other.id == self.claim.id:
             return

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Halting a team from outside: its world and its drivers are asked until all have done so.
+"""Halting a team from outside: requests go to its world and its drivers until all have halted.
 
-The world alone would do: it tells its drivers, also drivers that start later. The drivers are
-asked as well, because the world itself may have failed.
+The world alone would suffice: it tells its drivers, also drivers that start later. The drivers get
+requests as well, because the world itself may have failed.
 """
 
 from dataclasses import dataclass
@@ -16,27 +16,27 @@ from std_srvs.srv import SetBool
 from sparse_coord_ros.protocol.wire import RUN, services
 
 DISCOVERY_SECONDS = 0.25
-"""Between two looks at who offers the service."""
+"""Between two searches for nodes that offer the service."""
 
 REPEAT_HALT_SECONDS = 0.4
-"""Until a node that has not done it is asked again."""
+"""After so long a node that has not halted gets the request again."""
 
 FIND_SECONDS = 2.0
-"""How long nodes are looked for in any case: discovery takes its time."""
+"""How long nodes are searched in any case: discovery takes time."""
 
 ASK_SECONDS = 20.0
-"""How long nodes are asked at most; another user may want the opposite later. A node that was
-killed is in the graph for so long."""
+"""How long requests are repeated at most; another user may want the opposite later. A node that
+was killed stays in the graph for so long."""
 
 
 @dataclass
-class Asked:
-    """A node that is asked.
+class HaltRequest:
+    """A node that gets requests to halt.
 
     Attributes:
-        client: of its service `halt`.
-        answer: of the newest request; None: none is under way.
-        since: when that request was made.
+        client: the client of its service `halt`.
+        answer: the answer to the newest request; None: no request is pending.
+        since: the time of that request.
         said: the node's last answer; empty: no answer yet.
         done: whether it has complied.
     """
@@ -48,19 +48,19 @@ class Asked:
     done: bool = False
 
     def ask(self, hold: bool, now: float) -> None:
-        """Make a request in place of the one that is under way."""
+        """Send a request in place of the pending one."""
         self.forget()
         self.since = now
         self.answer = self.client.call_async(SetBool.Request(data=hold))
 
     def forget(self) -> None:
-        """Do not wait for the answer that is under way."""
+        """Drop the pending request."""
         if self.answer is not None:
             self.client.remove_pending_request(self.answer)
             self.answer = None
 
     def take_answer(self) -> None:
-        """Take in the answer, where it has come."""
+        """Read the answer, if it has come."""
         if self.answer is None or not self.answer.done():
             return
         response = self.answer.result()
@@ -70,15 +70,15 @@ class Asked:
 
 
 class Halting:
-    """Asks the world and the drivers of a namespace to halt, or to go on.
+    """Asks the world and the drivers of a namespace to halt, or to continue.
 
     Args:
         node: calls the services.
         namespace: of the team; nodes in namespaces below it belong to other teams.
 
     Attributes:
-        hold: whether they are asked to halt, else to go on.
-        asking: whether the world or a driver is still to be asked. A world that has done it tells
+        hold: whether they are asked to halt, else to continue.
+        asking: whether the world or a driver has not done it yet. A world that has done it tells
             the drivers that start later.
         asked: the nodes that offer the service, by name.
     """
@@ -89,13 +89,13 @@ class Halting:
         self._prefix = f"/{space}/" if space else "/"
         self._looked = self._since = 0.0
         self.hold = self.asking = False
-        self.asked: dict[str, Asked] = {}
+        self.asked: dict[str, HaltRequest] = {}
 
     def ask(self, hold: bool, now: float) -> None:
-        """Ask all to halt, or to go on, also those that are found later.
+        """Ask all nodes to halt, or to continue, also nodes that are found later.
 
         Args:
-            hold: which of them.
+            hold: True: halt.
             now: the time, by `time.monotonic`.
         """
         self.hold = hold
@@ -125,7 +125,7 @@ class Halting:
 
     @property
     def left(self) -> list[str]:
-        """The nodes that were asked, and have not done it."""
+        """The nodes that have not done it yet."""
         return sorted(name for name, one in self.asked.items() if not one.done)
 
     def in_words(self, name: str) -> str:
@@ -139,7 +139,7 @@ class Halting:
 
     @property
     def world_told(self) -> bool:
-        """True if the team's world has done it: then drivers that start later do it, too."""
+        """True if the team's world has done it: drivers that start later then do it, too."""
         worlds = self._node.get_publishers_info_by_topic(f"{self._prefix}{RUN.name}")
         names = {info.node_name for info in worlds}
         return any(one.done for name, one in self.asked.items() if name in names)
@@ -156,6 +156,6 @@ class Halting:
                 found.add(name)
         for name in found - self.asked.keys():
             client = self._node.create_client(SetBool, f"{self._prefix}{name}{ending}")
-            self.asked[name] = Asked(client, done=not self.asking)
+            self.asked[name] = HaltRequest(client, done=not self.asking)
         for name in self.asked.keys() - found:
             self._node.destroy_client(self.asked.pop(name).client)

@@ -19,9 +19,9 @@ from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,
     BodyGoal,
+    GoalReport,
     Goals,
-    HaltWord,
-    Reached,
+    HaltOrder,
 )
 from sparse_coord_ros.protocol.wire import (
     BODY_GOALS,
@@ -34,11 +34,11 @@ from sparse_coord_ros.protocol.wire.messages import Messages, read_labelled
 from sparse_coord_ros.ros.nodes.ros_topics import bind
 
 TEXT = 8
-"""Where the text of a std_msgs/String begins in its bytes."""
+"""Offset of the text in the bytes of a std_msgs/String."""
 
 
 class Converter(Messages):
-    """The messages of one run, with rclpy, which decodes other layouts.
+    """The messages of one run, with rclpy, which also decodes other layouts.
 
     Args:
         run: the run.
@@ -100,16 +100,16 @@ class Converter(Messages):
             place=bool(_whole(said, "place", 0, 1)),
             since=_time(said, "since"),
             bodies=tuple(bodies),
-            halt=HaltWord(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltWord))),
+            halt=HaltOrder(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltOrder))),
         )
 
-    def reached_message(self, step: int, reached: Reached) -> JointState:
+    def reached_message(self, step: int, reached: GoalReport) -> JointState:
         """Return a driver's report as a message."""
         labels = list(REACHED.labels)
         numbers = list(map(float, reached[1:]))
         return JointState(header=self.header(step), name=labels, position=numbers)
 
-    def read_reached(self, robot: int, message: JointState) -> Reached:
+    def read_reached(self, robot: int, message: JointState) -> GoalReport:
         """Return the report of a robot's driver.
 
         Raises:
@@ -119,7 +119,7 @@ class Converter(Messages):
         number = _whole(said, "number", 1, 2**53)
         cell = _whole(said, "cell", NO_CELL, len(self.grid.cells) - 1)
         times = (_time(said, label) for label in REACHED.labels[-2:])
-        return Reached(robot, number, cell, said.get("there") == 1.0, *times)
+        return GoalReport(robot, number, cell, said.get("there") == 1.0, *times)
 
 
 def map_header(stamp: tuple[int, int]) -> Header:
@@ -129,7 +129,7 @@ def map_header(stamp: tuple[int, int]) -> Header:
 
 
 def run_announced(data: bytes) -> str:
-    """Return the identity of the run that a world announces; nothing else is read."""
+    """Return the identity of the run that a world announces; the rest is not read."""
     return RunConfig.identity(data[TEXT : TEXT + 200])
 
 
@@ -180,7 +180,7 @@ def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
 
     Args:
         data: the bytes.
-        step: all is learned that happened before this time step.
+        step: the tables contain all learning before this time step.
         occasion: one of `wire.Occasion`.
     """
     message = UInt8MultiArray(data=packed("B", data))

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Base of the nodes that move a body: goals and poses in, reports out, a lifecycle, halting.
 
-A driver that was told to halt lets its body stand, whatever its goals are. It is told by the word
-in the world's `goals`, or by its own service `halt`, and it goes on only when one of them says so
-anew: neither a world that comes back nor a page that is closed sets bodies in motion. On its topic
+A halted driver stops its body, whatever its goals are. The order to halt comes in the world's
+`goals`, or by the driver's own service `halt`. The driver continues only after a new order:
+neither a world that comes back nor a page that is closed sets bodies in motion. On its topic
 `halted` it tells the world, which then halts the others too.
 """
 
@@ -25,7 +25,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
-from sparse_coord_ros.protocol.lockstep.bodies import Goals, HaltWord, Reached
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals, HaltOrder
 from sparse_coord_ros.protocol.wire import WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -41,7 +41,7 @@ from sparse_coord_ros.ros.nodes.transforms import (
 )
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Of poses and odometry of real robots: hears publishers of any reliability."""
+"""For poses and odometry of real robots: receives from publishers of any reliability."""
 
 TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -54,13 +54,13 @@ TYPES: dict[str, tuple[Any, Any]] = {
     ),
     "odometry": (Odometry, lambda message: message.pose.pose),
 }
-"""Message classes that hold a pose, and where."""
+"""Message classes that hold a pose, and its place in the message."""
 
 HEAP_SECONDS = 0.2
-"""Poses of the same time that come closer together were published long ago."""
+"""Poses that arrive closer together than this waited in a queue: they were published long ago."""
 
 STAND_SECONDS = 0.1
-"""Between two commands to stand while a driver is halted: a base may miss one."""
+"""Between two commands to stop while a driver is halted: a base may miss one."""
 
 DONE = TransitionCallbackReturn.SUCCESS
 
@@ -77,11 +77,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         robot: the robot's name.
         on_duty: whether the node has all its inputs, and the world receives its reports.
         active: whether the lifecycle allows it to move the body.
-        halted: whether it was told to let the body stand, and not yet to go on.
+        halted: whether it was told to stop the body, and not yet to continue.
 
     Raises:
         SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
-            not fit its cells, no tf2_msgs where tf is asked for.
+            not fit its cells, no tf2_msgs although tf is requested.
     """
 
     KIND: ClassVar[str]
@@ -92,7 +92,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         change = self._service_change_state
         change.callback = self.guarded(change.callback, "change_state")
         self.active = self.halted = self.on_duty = False
-        self._word: HaltWord | None = None
+        self._word: HaltOrder | None = None
         self._stood = 0.0
         self._mover: Mover | None = None
         self._step = 0
@@ -115,30 +115,30 @@ class MoverNode(Follower, LifecycleNodeMixin):
         raise NotImplementedError
 
     def missing(self) -> str:
-        """Return the text of something that the node lacks, beside poses, or an empty text."""
+        """Return a text about a missing input of the node, other than poses, or an empty text."""
         raise NotImplementedError
 
     def halt(self, why: str = "") -> None:
-        """Let the body stand; `why`: its pose is not known."""
+        """Stop the body; `why`: its pose is not known."""
         raise NotImplementedError
 
     def stands(self) -> bool:
-        """Return whether all is done that makes a halted body stand."""
+        """Return whether the halted body has been stopped."""
         raise NotImplementedError
 
     def settled(self) -> bool:
-        """Let the body stand for good; return whether all is said that is waited for."""
+        """Stop the body for good; return whether all confirmations of it have come."""
         self.active = False
         self.halt()
         return True
 
     @property
     def may_drive(self) -> bool:
-        """True if the body may move; not before the world hears where it ends up."""
+        """True if the body may move; not before the world receives the reports on its goals."""
         return self.active and self.on_duty and not self.halted
 
     def set_up(self) -> None:
-        """Look whose body it is."""
+        """Find the robot of the body."""
         self.robot = self.values["robot"]
         if not self.robot:
             raise SettingError(
@@ -147,7 +147,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def begin(self, run: RunConfig) -> None:
-        """Begin with a run: hear goals and poses."""
+        """Begin with a run: subscribe to goals and poses."""
         number = robot_number(run, self.robot, "give parameter robot one of them")
         self._mover = self.make(MetricMap(run, self.values["radius"]), number)
         self._convert = Converter(run)
@@ -180,7 +180,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         return self.values["base_frame"] or robot_frame(self, self.robot, BASE)
 
     def _read_pose(self, inside: Any, message: Any) -> tuple[float, Pose]:
-        """Return when the body was where; ValueError: in another frame, or no pose."""
+        """Return the time and the pose of the body; ValueError: another frame, or no pose."""
         wanted = self.values["map_frame"]
         frame = message.header.frame_id
         if frame.lstrip("/") != wanted:
@@ -197,7 +197,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             return
         now = time.monotonic()
         if seen[0] == self._mover.heard and now - self._seen < HEAP_SECONDS:
-            return  # they came while this node slept: the body does not wait for an answer
+            return  # they came while this node slept: they are not current
         self._seen = now
         self._stopped = False
         self._mover.sees(*seen)
@@ -212,13 +212,13 @@ class MoverNode(Follower, LifecycleNodeMixin):
             if self.may_drive:
                 self.drive()
 
-    def report_reached(self, reached: Reached) -> None:
+    def report_reached(self, reached: GoalReport) -> None:
         """Publish how a goal ended."""
         message = self._convert.reached_message(self._step, reached)
         self._reached_publisher.publish(message)
 
     def go_on(self, now: float) -> None:
-        """Report for duty when all is there; stop a body whose poses do not come."""
+        """Report for duty when all inputs are there; stop a body whose poses do not come."""
         if self._leaving:
             self.done = self.settled()
         if self.halted and now - self._stood >= STAND_SECONDS:
@@ -237,7 +237,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             )
 
     def _report_for_duty(self, mover: Mover) -> None:
-        """Offer reports when all inputs are there, and drive when the world receives them.
+        """Offer reports when all inputs are there, and drive when the world subscribes to them.
 
         The goal may be older than this node, and the body may be there already: a report without
         a subscriber would be lost, and the world would wait for it.
@@ -255,11 +255,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self.remind(self.reminder, "the world to hear its reports")
 
     def all_done(self, now: float) -> bool:
-        """Return whether the body stands, after the run's end."""
+        """Return whether the body has stopped, after the run's end."""
         return self.settled()
 
     def lost(self, why: str) -> None:
-        """The run's world is gone: let the body stand, and end."""
+        """The run's world is gone: stop the body, and end."""
         if not self._leaving:
             self.get_logger().warning(f"{why}: the body of {self.robot} is stopped")
         self._leaving = True
@@ -275,7 +275,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     # Halting.
 
     def _on_halt(self, hold: bool) -> tuple[bool, str]:
-        """Answer the node's own service; asked again, it says whether the body stands by now."""
+        """Answer the node's own service; a repeated request asks whether the body has stopped."""
         self.set_halted(hold, f"its service {services.HALT.name}")
         if not hold:
             return True, "continues"
@@ -283,18 +283,18 @@ class MoverNode(Follower, LifecycleNodeMixin):
             return True, "stands"
         return False, "is being stopped: ask again"
 
-    def _hear_word(self, word: HaltWord) -> None:
-        """Take in the world's message on halting; a repeated one has no effect.
+    def _hear_word(self, word: HaltOrder) -> None:
+        """Obey the world's order on halting; a repeated one has no effect.
 
-        The first one that is heard may be old: it lets no body go on.
+        The first order that arrives may be old: it lets no body continue.
         """
         before = self._word
         self._word = word
         if word == before:
             return
-        if word == HaltWord.HALT:
+        if word == HaltOrder.HALT:
             self.set_halted(True, "the world")
-        elif word == HaltWord.GO_ON and before is not None:
+        elif word == HaltOrder.GO_ON and before is not None:
             self.set_halted(False, "the world")
 
     def set_halted(self, halted: bool, by: str) -> None:
@@ -317,7 +317,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
             self._begin_again()
 
     def _begin_again(self) -> None:
-        """Drive where that is allowed again; the time of the move begins anew."""
+        """Drive if that is allowed again; the time limit of the move begins anew."""
         if self._mover is not None and self.may_drive:
             self._mover.begin_again()
             self.drive()
@@ -331,12 +331,12 @@ class MoverNode(Follower, LifecycleNodeMixin):
         return DONE
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the body stand, until the node is activated again."""
+        """Stop the body until the node is activated again."""
         self.active = False
         self.halt()
         return DONE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the body stand, and end."""
+        """Stop the body, and end."""
         self.lost("shut down")
         return DONE

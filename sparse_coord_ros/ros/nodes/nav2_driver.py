@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose.
 
-The action is to have one server. Goals go to all that there are, and two would steer one base; so
-before its first goal the node waits until it has seen a single one for a while, as discovery finds
-one server before the other. It ends where a second one stays. One that appears later is reported:
-to stop halfway would not help. (rclpy's EventsExecutor ends the process with a segmentation
-fault when several servers answer, its SingleThreadedExecutor takes no notice; so that one is the
+The action must have one server: goals go to all servers, and two would steer one base. Discovery
+finds one server before the other. So before its first goal the node waits until it has seen a
+single server for a while. It ends if a second server stays. A server that appears later is
+reported: to stop halfway would not help. (rclpy's EventsExecutor ends the process with a
+segmentation fault when several servers answer. Its SingleThreadedExecutor does not, and is the
 default.)
 """
 
@@ -32,16 +32,16 @@ ENDINGS = {
     GoalStatus.STATUS_ABORTED: "aborted",
     GoalStatus.STATUS_CANCELED: "cancelled by others",
 }
-"""What goals that did not go well count as; any other status is of a server that came back."""
+"""The counter of each status of a failed goal; any other status is of a server that came back."""
 
 HALT_SECONDS = 1.0
-"""After which the same request to halt is a new one: it may be for a goal that came since then."""
+"""After so long the same request to halt is a new one: it may be for a newer goal."""
 
 TWO_SERVERS_SECONDS = 25.0
-"""How long a second server is waited for to go: a killed one is in the graph for 20 s."""
+"""How long a second server may stay: a killed one stays in the graph for 20 s."""
 
 SINGLE_SECONDS = 2.0
-"""How long there must have been a single server: discovery may find a second one later."""
+"""How long a server must have been the only one: discovery may find a second one later."""
 
 WARNING_SECONDS = 10.0
 """Between two warnings of a second server that appeared later."""
@@ -61,7 +61,7 @@ class Nav2DriverNode(MoverNode):
     navigator: Navigator
 
     def set_up(self) -> None:
-        """Look for Nav2's messages and its action, too."""
+        """Also import Nav2's messages, and create the client of its action."""
         super().set_up()
         remedy = (
             "sudo apt install ros-jazzy-nav2-msgs, or start the node driver instead"
@@ -95,33 +95,33 @@ class Nav2DriverNode(MoverNode):
         return self.navigator
 
     def drive(self) -> None:
-        """Let the navigator do the work that is due, and report when the goal is over."""
+        """Let the navigator do the due work, and report when the goal is over."""
         self.navigator.held = not self.may_drive
         reached = self.navigator.next(self._now())
         if reached is not None:
             self.report_reached(reached)
 
     def go_on(self, now: float) -> None:
-        """Look also whether Nav2 still answers."""
+        """Also check whether Nav2 still answers."""
         super().go_on(now)
         self.drive()
 
     def report(self) -> None:
-        """Say where Nav2's action has a second server by now; called every second."""
+        """Warn if Nav2's action has a second server by now; called every second."""
         servers = self._servers()
         if self.on_duty and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
             self.get_logger().warning(text, throttle_duration_sec=WARNING_SECONDS)
 
     def _servers(self) -> list[str]:
-        """Return the names of the nodes that serve Nav2's action: each publishes its status."""
+        """Return the names of the servers of Nav2's action: each publishes its status."""
         return owners(self, f"{self._name}/_action/status", service=False)
 
     def missing(self) -> str:
         """Return a text if Nav2 is missing, runs twice, or may still drive for another client.
 
         Raises:
-            RunError: it has been there twice for so long that both must be alive.
+            RunError: two servers have been there for so long that both must be alive.
         """
         servers = self._servers()
         now = time.monotonic()
@@ -146,14 +146,14 @@ class Nav2DriverNode(MoverNode):
         return "Nav2 to end earlier goals" if waits else ""
 
     def halt(self, why: str = "") -> None:
-        """Cancel the goal that is under way; while the driver is halted, all goals of Nav2."""
+        """Cancel the current goal; while the driver is halted, all goals of Nav2."""
         if self._mover is not None:
             if why:
                 self.navigator.give_up(self._now(), "poses lost", why, blind=True)
             self.drive()
 
     def set_halted(self, halted: bool, by: str) -> None:
-        """Cancel all goals that Nav2 has, of any client; ask again at each call."""
+        """Cancel all of Nav2's goals, of any client; ask again at each call."""
         super().set_halted(halted, by)
         now = time.monotonic()
         if not halted:
@@ -164,12 +164,12 @@ class Nav2DriverNode(MoverNode):
             self._halting = now, self.cancel_all()
 
     def stands(self) -> bool:
-        """Return whether Nav2 has said that all goals are over."""
+        """Return whether Nav2 has confirmed that all goals are over."""
         clear = self._mover is None or self.navigator.clear
         return clear and self._halting is not None and self._halting[1].done()
 
     def settled(self) -> bool:
-        """Cancel what Nav2 drives; return whether it has said that this is over; not for long."""
+        """Cancel Nav2's goals; return whether it has confirmed the end, or time is up."""
         super().settled()
         if self._mover is None:
             return True
@@ -180,7 +180,7 @@ class Nav2DriverNode(MoverNode):
         return answered or time.monotonic() - since >= ANSWER_SECONDS
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say how the moves went, and whether the body may still drive."""
+        """Log the counts of the moves, and whether the body may still drive."""
         self.settled()
         if self._mover is not None:
             if not self.navigator.clear:
@@ -192,7 +192,7 @@ class Nav2DriverNode(MoverNode):
             self.get_logger().info(f"moves: {said or 'none'}")
 
     def _now(self) -> float:
-        """Return the time: simulated where the node follows /clock, else steady."""
+        """Return the time: simulated if the node follows /clock, else steady."""
         if self.get_parameter("use_sim_time").value:
             return self.get_clock().now().nanoseconds * 1e-9
         return time.monotonic()
@@ -222,11 +222,11 @@ class Nav2DriverNode(MoverNode):
             self._handles[ticket].cancel_goal_async()
 
     def cancel_all(self) -> Future:
-        """Ask for the end of all goals, also of those of others; return the answer."""
+        """Ask for the end of all goals, also those of other clients; return the answer."""
         return self._cancelling.call_async(CancelGoal.Request())
 
     def say(self, text: str) -> None:
-        """Tell people."""
+        """Log a text."""
         self.get_logger().warning(f"{self.robot}: {text}")
 
     def _on_answer(self, ticket: int, answer: Future) -> None:

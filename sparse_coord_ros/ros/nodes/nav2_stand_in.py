@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nav2_stand_in node: simulated bases, each with a server of Nav2's action NavigateToPose.
 
-It takes the place of robots, localisation and Nav2 where there are none: to see the whole
-procedure of docs/real_robots.md before, and for the tests. A base is a point that goes straight to
-its goal at a constant speed, through walls too. As in Nav2 a new goal pre-empts the one before it.
-The parameter `fault` reproduces failures of Nav2.
+It replaces robots, localisation and Nav2: for a rehearsal of the procedure of docs/real_robots.md,
+and for the tests. A base is a point that goes straight to its goal at a constant speed, through
+walls too. As in Nav2 a new goal pre-empts the one before it. The parameter `fault` reproduces
+failures of Nav2.
 """
 
 import math
@@ -36,10 +36,10 @@ from sparse_coord_ros.ros.nodes.transforms import (
 SIMULATION_SECONDS = 0.02
 
 LATE_SECONDS = 3.0
-"""After how long a goal is accepted too late: a nav2_driver has given it up by then."""
+"""Delay after which a goal is accepted too late: a nav2_driver has given it up by then."""
 
 NEVER_SECONDS = 3600.0
-"""After how long a goal is accepted by a server that does not answer."""
+"""Delay after which a server that does not answer accepts a goal."""
 
 DETOUR_METRES = 50.0
 
@@ -56,9 +56,10 @@ DETOUR = "detour"
 LIE = "lie"
 TAKE_AWAY = "take_away"
 STUCK = "stuck"
-"""What becomes of a goal. The base gets there; it is aborted at once; rejected; accepted much too
-late; never answered; accepted, and nothing is said of it; the way left is 50 m; it is said to be
-reached, and is not; it ends as if another client had cancelled it; nothing moves."""
+"""The outcome of a goal. The base gets there; the goal is aborted at once; rejected; accepted much
+too late; never answered; accepted without feedback; its feedback says that 50 m are left; it
+succeeds although the base is not there; it ends as if another client had cancelled it; the base
+does not move."""
 
 
 class Base:
@@ -67,10 +68,10 @@ class Base:
     Args:
         node: the node.
         name: its namespace.
-        place: (x, y) where it is at first.
+        place: its first place (x, y), in metres.
 
     Attributes:
-        pose: where it is.
+        pose: its pose.
         speed: metres a second.
         faults: the faults of its next goals; later ones have that of the parameter `fault`.
         goals: number of goals received.
@@ -109,7 +110,7 @@ class Base:
         node.at_end.callback(self._server.destroy)
 
     async def _answer(self, goal: Any) -> GoalResponse:
-        """Accept a goal, or not; maybe much later."""
+        """Accept or reject a goal; maybe much later."""
         self.goals += 1
         fault = self.faults.pop(0) if self.faults else self._node.values["fault"]
         if fault in (LATE, DEAF):
@@ -171,7 +172,7 @@ class Base:
             self._say_where()
 
     def _drive(self, handle: ServerGoalHandle, over: Future) -> None:
-        """Go on to the goal, and say how far it is."""
+        """Drive on towards the goal, and publish the remaining distance."""
         if handle.is_cancel_requested:
             over.set_result(GoalStatus.STATUS_CANCELED)
             return
@@ -194,7 +195,7 @@ class Base:
             over.set_result(GoalStatus.STATUS_SUCCEEDED)
 
     def _say_where(self) -> None:
-        """Say where the base is, as a localisation does: a pose, and transforms."""
+        """Publish the base's pose and transforms, as a localisation does."""
         stamp = self._node.get_clock().now().to_msg()
         header = Header(stamp=stamp, frame_id=MAP_FRAME)
         self._poses.publish(PoseStamped(header=header, pose=pose_message(self.pose)))
@@ -239,7 +240,7 @@ class Nav2StandIn(ParameterNode):
         self.get_logger().info(f"in place of Nav2: {', '.join(names)}")
 
     def set_up(self) -> None:
-        """Look for Nav2's messages."""
+        """Import Nav2's messages."""
         remedy = "sudo apt install ros-jazzy-nav2-msgs"
         with needed(f"node {self.get_name()} needs the package nav2_msgs", remedy):
             from nav2_msgs.action import NavigateToPose

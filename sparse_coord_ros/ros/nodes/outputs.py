@@ -55,7 +55,7 @@ def gather(
         out: the output directory, in which world and robots have written.
         scenario: the problem.
         interrupted: whether the run was stopped before its budget was used up.
-        recording_error: why the recording ended before the run, where it did.
+        recording_error: the error that ended the recording before the run; None: it did not.
 
     Returns:
         The summary; `asks` says for each robot how its requests ended.
@@ -77,7 +77,7 @@ def gather(
 
 
 def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
-    """Join the robots' tables if all are there; return their counts of the run."""
+    """Join the robots' tables if all exist; return their counts of the run."""
     parts = [robot_file(out, robot.name) for robot in scenario.robots]
     if not all(part.exists() for part in parts):
         return {}
@@ -97,8 +97,8 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     """Return the run to resume: the one in the output directory.
 
     Args:
-        values: of the parameters `out` and, where the run is described again, `scenario` and all
-            that goes with it.
+        values: of the parameter `out` and, if the run is described again, of `scenario` and the
+            parameters that belong to it.
 
     Raises:
         SparseCoordError: the run is missing, finished, or another than the one described.
@@ -129,7 +129,7 @@ def check_place(out: str) -> None:
     """Refuse an output directory that cannot be made.
 
     Raises:
-        RunError: something else is in its place, or in its way, or nothing can be written there.
+        RunError: another file is in its place, or in its way, or the place cannot be written.
     """
     place = Path(out).absolute()
     while not os.path.lexists(place):
@@ -142,20 +142,20 @@ def check_place(out: str) -> None:
 
 
 class Output:
-    """Saves files of a node, in the directory of its parameter `out`, if that is set.
+    """Saves files of a node in the directory of its parameter `out`, if that is set.
 
     Args:
         node: the node.
         name: the name of its checkpoints: `wire.WORLD`, or the robot's name.
         run: the run.
-        own: names of the files that it is going to write there.
+        own: names of the files that the node will write there.
 
     Attributes:
         node: as above.
         store: its checkpoints.
 
     Raises:
-        RunError: the directory holds another run or, where none is to go on, one of the files.
+        RunError: the directory holds another run or, if no run is resumed, one of the files.
         OSError: it cannot be made or written.
     """
 
@@ -193,7 +193,7 @@ class Output:
             raise RunError(f"output directory {out}: {why}")
 
     def _describe(self, place: Path) -> None:
-        """Write `run.yaml` into a directory that has none; of several nodes one does."""
+        """Write `run.yaml` into a directory without it; only the first of several nodes does."""
         folder = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
         try:
             take_lock(folder, wait=True)
@@ -219,14 +219,14 @@ class Output:
         now = +Counter({**events, DROPPED: self.node.subscriber.total})
         if now != self._counted:
             self._counted = now
-            with suppress(OSError):  # the next checkpoint says so
+            with suppress(OSError):  # the next checkpoint reports it
                 self.store.count(now)
 
     def save(self, write: Callable[[Path], None]) -> Path | None:
         """Write files into the directory, or beside it if that fails.
 
-        A directory that is gone is made again; one that cannot be written (a full disk) is stood
-        in for by another (`files.rescue`), the same for all nodes of the run. One line says so.
+        A directory that is gone is made again. If it cannot be written (a full disk), another
+        takes its place (`files.rescue`), the same for all nodes of the run. One line reports it.
 
         Args:
             write: writes the files into a directory.
@@ -262,11 +262,11 @@ class Output:
         return out
 
     def _joins(self, place: Path) -> bool:
-        """Return whether this user's node of this run made a directory; an OSError passes."""
+        """Return whether a node of this user and this run made a directory; an OSError passes."""
         found = place.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
             return False
-        self._describe(place)  # it may be but just made
+        self._describe(place)  # its maker may not have written it yet
         return (place / RUN_FILE).read_bytes() == self._text.encode()
 
 

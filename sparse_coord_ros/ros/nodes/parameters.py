@@ -76,9 +76,9 @@ from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 RCLError = rclpy_implementation.RCLError
 
 ROLL_BACK = "rollback"
-"""What `returning` says; else a robot goes on alone."""
+"""The value of `returning` that rolls the team back; else a robot continues alone."""
 FROM_TF = "tf"
-"""The `pose_type` that is no message of its own."""
+"""The `pose_type` for poses from transforms instead of pose messages."""
 
 _OWN = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
 _MORE: Mapping[str, Mapping[str, Setting]] = {
@@ -97,7 +97,7 @@ PARAMETERS = {
     node: SettingTable({**own, **_MORE.get(node, {})}.values())
     for node, own in _OWN.items()
 }
-"""Those of each node that runs alone, by the name of its executable."""
+"""The parameters of each node that runs alone, by the name of its executable."""
 
 TEAM_PARAMETERS = SettingTable(
     {**PARAMETERS[WORLD], **PARAMETERS["robot"], **_TEAM}.values()
@@ -112,11 +112,12 @@ ALL_NAMES = (
     ),
     *SETTINGS,
 )
-"""The parameters of all nodes of a team: one file, or a launch file's group, may give them all to
-each node, which takes its own."""
+"""The parameters of all nodes of a team. One file, or a launch file's group, may give them all to
+each node, which uses its own ones."""
 
 ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
-"""The topic by which a node's role is known, whatever the node is called: it publishes it."""
+"""The topic that a node of each role publishes; it identifies the role whatever the node's
+name."""
 
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
@@ -141,7 +142,7 @@ class Place(TypedDict, total=False):
 
 
 class ParameterNode(Node):
-    """A node whose parameters come from one table and are checked at once.
+    """A node with parameters from one table, which are checked at once.
 
     Args:
         name: the node's name unless it is remapped.
@@ -152,8 +153,8 @@ class ParameterNode(Node):
         changeable: parameters that can be set while the node runs; all others are read once.
         values: every parameter, typed.
         subscriber: its subscriptions.
-        full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
-        born: when the node began, by the monotonic clock.
+        full_name: its name with its namespace, as in diagnostics: `team_a/robot_1`.
+        born: the time of the node's beginning, by the monotonic clock.
         direct: the connection to a recorder in the same process, or None.
         shared_clients: clients that the robots of this process share, by service.
         reminder: times of reminders while the node waits.
@@ -217,8 +218,9 @@ class ParameterNode(Node):
     ) -> Callable[..., Any]:
         """Return a callback whose exceptions stop this node, which then saves its state.
 
-        On an exception it returns its last argument: for a service, the response. If a name to
-        count them under is given, exceptions do not stop the node: it refuses the request.
+        On an exception it returns its last argument: for a service, the response. If `drops` is
+        given, an exception does not stop the node: it refuses the request, and counts it under
+        this name.
         """
 
         @functools.wraps(callback)
@@ -251,7 +253,7 @@ class ParameterNode(Node):
         )
 
     def create_timer(self, timer_period_sec, callback, *args, **more):
-        """As `Node`'s, guarded, and on a steady clock: others follow a /clock that may stand."""
+        """As `Node`'s, guarded, and on a steady clock: a /clock may stop."""
         more.setdefault("clock", Clock(clock_type=ClockType.STEADY_TIME))
         return super().create_timer(
             timer_period_sec, self.guarded(callback), *args, **more
@@ -273,7 +275,7 @@ class ParameterNode(Node):
         self.create_service(message_class(service.type_name), service.of("~"), answer)
 
     def remind(self, reminder: Reminder, for_whom: str) -> None:
-        """Log every few seconds which nodes this node waits for."""
+        """Log the awaited nodes every few seconds."""
         waited = reminder.due(time.monotonic())
         if waited:
             self.get_logger().info(f"waiting for {for_whom} ({waited:.0f} s)")
@@ -286,7 +288,7 @@ class ParameterNode(Node):
         """
 
     def may_stop(self) -> bool:
-        """Return whether the node can end now that a signal has come; asked until it can."""
+        """Return whether the node can end after a signal; called until it can."""
         return True
 
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
@@ -347,7 +349,7 @@ class ParameterNode(Node):
         )
 
     def is_heard(self, topic: str, role: str) -> bool:
-        """Return whether a node of a role subscribes; True for a recorder here that gave up.
+        """Return whether a node of a role subscribes; True for a failed recorder of this process.
 
         All nodes of one name must subscribe: a killed node stays in the graph for 20 s.
         """
@@ -387,7 +389,7 @@ class ParameterNode(Node):
     def parse(
         self, table: SettingTable, values: Mapping[str, object]
     ) -> dict[str, Any]:
-        """Return values of parameters by a table of them; SettingError, as of that."""
+        """Return values of parameters, parsed by a table; SettingError: as of `parse`."""
         try:
             return table.parse(values)
         except SettingError as error:
@@ -403,7 +405,7 @@ class ParameterNode(Node):
         return SetParametersResult(successful=True)
 
     def show_settings(self, scenario: Scenario) -> None:
-        """Declare the settings of a scenario as parameters, to be looked at."""
+        """Declare the settings of a scenario as parameters, for display."""
         for name, setting in SETTINGS.items():
             value = getattr(scenario, name)
             shown = value if isinstance(value, bool | int | float) else str(value)
@@ -412,7 +414,7 @@ class ParameterNode(Node):
 
 
 def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a parameter service's callback that raises SettingError where too much is asked."""
+    """Return a parameter service's callback that raises SettingError for too large requests."""
 
     def wrapped(request: Any, response: Any) -> Any:
         asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
@@ -426,7 +428,7 @@ def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of some values that are parameters of a node."""
+    """Return the values of a node's own parameters."""
     return {name: values[name] for name in PARAMETERS[node]}
 
 

@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service `active_perception` from both sides: a robot asks its peers, and answers them.
 
-A stranger can offer a service a second time, and ROS 2 takes the first answer to a request, from
+A foreign node can offer a peer's service too, and ROS 2 takes the first answer to a request, from
 any server. Once the graph shows a second server of a peer's service, a robot also listens to the
-peer's local state, and drops the answers that do not fit it. The one that fits may come second.
+peer's local state, and drops the answers that do not fit it. The fitting answer may come second.
 
-ROS 2 delivers the answer of a service to every client of it, each of which wakes up to see that it
-is not its own. With a client for each pair of robots the cost of a question would grow with the
-team, and that of starting and ending with its square. So the robots of one process share clients.
+ROS 2 delivers the answer of a service to all its clients, and each client wakes up to see whether
+it is its own. With a client for each pair of robots the cost of a question would grow with the
+team, and the cost of starting and ending with its square. So the robots of one process share
+clients.
 """
 
 import time
@@ -34,15 +35,16 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 
 IMMEDIATE_REPEATS = 10
-"""How often a peer that is a step behind is asked again at once; after that with each tick."""
+"""Number of immediate repeats to a peer that is a step behind; later repeats come with each
+tick."""
 
 
 REPEAT_ASK_SECONDS = 0.5
-"""After so long without an answer the request is sent again."""
+"""An unanswered request is sent again after so long."""
 
 
 def _introspect(node: Node, endpoint: Client | Service) -> None:
-    """Publish the dialogue of a client or service, so that it can be recorded."""
+    """Publish the service events of a client or service, so that they can be recorded."""
     clock = node.get_clock()
     what = ServiceIntrospectionState.CONTENTS
     endpoint.configure_introspection(clock, STEP_QOS, what)
@@ -57,10 +59,10 @@ class Peer:
         answered: called with the request's step and the answer's path.
 
     Attributes:
-        heard: when the peer answered last.
+        heard: the time of the peer's last answer.
         repeats: number of repeated requests for the same step.
-        fits: whether an answer to the request of a step can be the peer's; None: it has no
-            second server.
+        fits: tells whether an answer to the request of a step can be the peer's; None: its service
+            has no second server.
     """
 
     fits: Callable[[int, Path], bool] | None = None
@@ -88,7 +90,7 @@ class Peer:
 
         Returns:
             True to wait for the answer; False for a peer that let the last deadline pass and has
-            not answered since. The request is sent all the same, to notice its return.
+            not answered since. The request is still sent, to notice the peer's return.
         """
         self._request.start = pose
         self.repeats = self.repeats + 1 if step == self._step else 0
@@ -100,9 +102,9 @@ class Peer:
     def send_what_waits(self) -> None:
         """Send the request once the peer's service is there; the node's timer calls this too.
 
-        One that is not answered is sent again: a peer that has just come back may have missed it.
-        An answer that has come is none that is missing, even if this process was too busy to look
-        at it yet: rclpy has it looked at in a callback of its own.
+        An unanswered request is sent again: a peer that has just come back may have missed it. An
+        answer that has arrived counts even if this process was too busy to read it yet: rclpy
+        reads it in a callback of its own.
         """
         now = time.monotonic()
         missing = self._open is not None and not self._open.done()
@@ -122,7 +124,7 @@ class Peer:
     def _choose(
         self, step: int, future: Future, fits: Callable[[int, Path], bool]
     ) -> None:
-        """Let a request stay open until an answer fits: rclpy hands over each that comes."""
+        """Keep a request open until an answer fits: rclpy hands over each answer."""
         accept = future.set_result
 
         def take(answer: GetPlan.Response) -> None:
@@ -132,11 +134,11 @@ class Peer:
         future.set_result = take  # type: ignore[method-assign]
 
     def send_again(self) -> None:
-        """Let the request be sent again soon: the answer told nothing yet."""
+        """Send the request again soon: the answer had no cell yet."""
         self._sent = 0.0
 
     def start_anew(self) -> None:
-        """Forget pending requests: the run goes back to an earlier time step, with all robots."""
+        """Drop pending requests: the run goes back to an earlier time step, with all robots."""
         self._silent = False
         self._unsent = None
         self._forget()
@@ -156,7 +158,7 @@ class Peer:
         self._answered(step, future.result().plan)
 
     def _forget(self) -> None:
-        """Drop the last request where it was never answered: rclpy would keep it for ever."""
+        """Drop an unanswered last request: rclpy would keep it for ever."""
         if self._open is not None:
             self._client.remove_pending_request(self._open)
             self._open.cancel()
@@ -188,14 +190,12 @@ class Peers:
             node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer),
         )
         self._peers: dict[int, Peer] = {}
-        self._places: dict[
-            int, tuple[int, int]
-        ] = {}  # of those whose answers are doubted
+        self._places: dict[int, tuple[int, int]] = {}  # of peers with doubted answers
         for k, name in enumerate(self._names):
             if name == node.get_name():
                 continue
             service = ACTIVE_PERCEPTION.of(name)
-            # of the robots here the first one makes it
+            # the first robot of this process creates it
             if service not in node.shared_clients:
                 node.shared_clients[service] = node.create_client(
                     ACTIVE_PERCEPTION_TYPE, service
@@ -211,7 +211,7 @@ class Peers:
         return all(peer.ready() for peer in self._peers.values())
 
     def ask(self, peer: int, step: int, cell: int) -> bool:
-        """Ask a peer for its local state; return whether to wait, as `Peer.request`."""
+        """Ask a peer for its local state; return whether to wait, as `Peer.request` does."""
         self._look_for_another_server(peer)
         return self._peers[peer].request(self._convert.pose(step, cell), step)
 
@@ -245,14 +245,14 @@ class Peers:
             if one.repeats < IMMEDIATE_REPEATS:
                 return True
             one.heard = time.monotonic()
-            # it is asked again, and may still answer this one
+            # the peer gets the request again, and may still answer this one
             self.on_answer(peer, step, plan)
             return False
         if peer not in self._places:
             return False  # the world will say all states again
         there_step, there = self._places[peer]
         if there_step < step:
-            self._peers[peer].send_again()  # the world is about to say where it is
+            self._peers[peer].send_again()  # the world is about to publish its cell
             return False
         fits = there_step > step or plan == self._convert.path(
             step, (self._side.due(there),)
@@ -265,13 +265,13 @@ class Peers:
         return fits
 
     def start_anew(self) -> None:
-        """Forget pending requests: the run goes back to an earlier time step."""
+        """Drop pending requests: the run goes back to an earlier time step."""
         self._places.clear()
         for peer in self._peers.values():
             peer.start_anew()
 
     def keep_the_deadline(self, now: float) -> None:
-        """Give up what has been waited for too long; send requests that could not be sent."""
+        """Give up overdue questions; send requests that could not be sent before."""
         asked = self._peers.get(self._side.asking)
         heard = 0.0 if asked is None else asked.heard
         if self._deadline.passed(self._side.waiting, heard, now):
@@ -304,7 +304,7 @@ class Peers:
         return response
 
     def on_answer(self, peer: int, request_step: int, plan: Path) -> None:
-        """Take in an answer, from any server, to the request to a peer of a time step."""
+        """Read an answer, from any server, to a peer's request of a time step."""
         cell = None
         try:
             step = self._convert.checked_step(

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The player node: a recorded run again on its topics, with its types, QoS and clock."""
+"""The player node: replays a recorded run on its topics, with its types, QoS and clock."""
 
 import time
 from dataclasses import replace
@@ -22,10 +22,11 @@ from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 KEYS_SECONDS = 0.05
 TURN_NS = 100_000
-"""The timer's shortest wait, so that services and keys have their turn where messages are late."""
+"""The timer's shortest wait, so that services and keys have their turn when messages are late."""
 SEEK_SECONDS = 10.0
 LONGEST_WAIT_NS = 60 * SECOND
-"""The timer's longest wait, as it cannot hold every distance of log times; it then waits again."""
+"""The timer's longest wait, as its type cannot hold every distance of log times; longer waits
+repeat it."""
 
 KEYS_HELP = (
     "space: pause or resume, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
@@ -44,11 +45,11 @@ class Player(ParameterNode):
 
     Attributes:
         played: the topics that it publishes.
-        begun: whether it has gone to where playing begins.
-        done: whether the end of the bag was reached, or the user quits.
+        begun: whether it has reached the place where playing begins.
+        done: whether the bag is at its end, or the user quits.
 
     Raises:
-        SparseCoordError: a bad parameter, or nothing to play.
+        SparseCoordError: a bad parameter, or no topic to play.
     """
 
     changeable = ("rate", "position")
@@ -62,13 +63,13 @@ class Player(ParameterNode):
         self._timer = self.create_timer(self.values["delay"], self._tick)
         keys = Keyboard()
         if keyboard and keys.there:
-            # the terminal is given back, whatever happens
+            # restores the terminal in any case
             self.at_end.callback(keys.close)
             self.create_timer(KEYS_SECONDS, lambda: self._on_keys(keys))
             self.get_logger().info(KEYS_HELP)
 
     def set_up(self) -> None:
-        """Open the bag, advertise its topics and look through its messages."""
+        """Open the bag, advertise its topics and index its messages."""
         values = self.values
         if not values["bag"]:
             raise SettingError(
@@ -97,7 +98,7 @@ class Player(ParameterNode):
 
     @property
     def _position(self) -> float:
-        """Seconds from the bag's first message to the log time that is reached."""
+        """Seconds from the bag's first message to the current log time."""
         if not self.begun:
             return self.values["position"]
         return (self._playback.position_ns - self._start_ns) / SECOND
@@ -114,7 +115,7 @@ class Player(ParameterNode):
             self._timer.reset()
 
     def _begin(self) -> None:
-        """Go to where playing begins, once the subscribers had time to come."""
+        """Go to the place where playing begins, after subscribers had time to come."""
         self.begun = True
         if self.count_publishers(self.played.clock_name) > 1:
             raise RunError(
@@ -140,7 +141,7 @@ class Player(ParameterNode):
         return True, self._state()
 
     def _step(self) -> tuple[bool, str]:
-        """Show the next time step; return whether there was one, and a text."""
+        """Play the next time step; return whether there was one, and a text."""
         self._playback.pause(True)
         before = self._playback.published
         if not self.begun:
@@ -193,7 +194,7 @@ class Player(ParameterNode):
         return f"{self._state()}, rate {value:g}" if name == "rate" else self._state()
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say how well time was kept; at the end of the bag wait until readers have it all."""
+        """Log how well the times were kept; at the end of the bag wait for the readers."""
         late = self._playback.late_ns
         kept = "" if late is None else f", at most {late / 1e6:.2f} ms late"
         self.get_logger().info(

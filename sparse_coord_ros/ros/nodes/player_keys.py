@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Single keys from the terminal, which is put back as it was."""
+"""Single keys from the terminal, whose settings are restored afterwards."""
 
 import contextlib
 import os
@@ -49,7 +49,7 @@ class Keyboard:
         if not (self.there and self._in_front()):
             return []
         try:
-            # Keys without Enter or echo; again after the shell had the terminal.
+            # Read keys without Enter or echo; set this again after the shell had the terminal.
             if termios.tcgetattr(self._descriptor)[tty.LFLAG] & termios.ICANON:
                 tty.setcbreak(self._descriptor, termios.TCSADRAIN)
             waits = select.select([self._descriptor], [], [], 0)[0]
@@ -61,7 +61,7 @@ class Keyboard:
         return [KEYS[key] for key in _SEQUENCE.findall(typed) if key in KEYS]
 
     def close(self) -> None:
-        """Put the terminal back as it was; a second call does nothing."""
+        """Restore the terminal's settings; a second call does nothing."""
         before = self._before
         self._before = None
         self.there = False

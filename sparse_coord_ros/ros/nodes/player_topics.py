@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a bag are played, and their publishers: recorded names, types and QoS."""
+"""The topics of a bag that are played, and their publishers: recorded names, types and QoS."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -25,20 +25,20 @@ ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 
 
 class PlayedTopics:
-    """The publishers of a bag's topics, and of a clock where the bag has none.
+    """The publishers of a bag's topics, and of a clock if the bag has none.
 
     Warns of topics that cannot be played.
 
     Args:
         node: the node that publishes.
         path: the bag.
-        patterns: as `chosen_topics` has them.
+        patterns: as in `chosen_topics`.
 
     Attributes:
         bag: the bag.
         publishers: by topic.
         clock_name: the topic of the clock.
-        clock: its publisher; None where the bag's own clock is played.
+        clock: its publisher; None if the bag's own clock is played.
 
     Raises:
         SparseCoordError: no bag, a pattern that fits no topic, or no topic that can be played.
@@ -99,7 +99,7 @@ class PlayedTopics:
         self._send[message.topic](message.data)
 
     def tell(self, time_ns: int) -> None:
-        """Publish the time where the bag itself does not."""
+        """Publish the time if the bag itself has no clock."""
         if self.clock is not None and time_ns != self._told_ns:
             self._told_ns = time_ns
             seconds, nanosec = divmod(time_ns, SECOND)
@@ -111,8 +111,8 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
 
     Args:
         bag: the bag.
-        patterns: names, or patterns such as `/robot_1/*`. Topics that are not to be published
-            beside live nodes, `ROS_OWN` and claims, are played only where they are named.
+        patterns: names, or patterns such as `/robot_1/*`. `ROS_OWN` and claims would disturb live
+            nodes, and are played only if they are named.
 
     Raises:
         SettingError: a pattern fits no topic.
@@ -137,7 +137,7 @@ def class_of(topic: BagTopic) -> type:
     """Return the class of a topic's messages, the one that wrote the recorded bytes.
 
     Raises:
-        ValueError: the type is not installed, or another version of it; says so.
+        ValueError: the type is not installed, or another version of it is.
     """
     name = ros_name(topic.type_name, topic.name)
     try:
@@ -150,7 +150,7 @@ def class_of(topic: BagTopic) -> type:
 
 
 def offered_qos(profiles: Sequence[QoS]) -> QoSProfile:
-    """Return a profile that offers at least what each of the recorded publishers did."""
+    """Return a profile that offers at least as much as each of the recorded publishers."""
     profiles = profiles or (QoS(),)
     reliable = any(qos.reliability == "reliable" for qos in profiles)
     offered = QoSProfile(depth=max(1, *(qos.depth for qos in profiles)))

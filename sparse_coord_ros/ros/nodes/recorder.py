@@ -45,27 +45,27 @@ from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.ros.nodes.spin import run_node
 
 QUIET_SECONDS = 0.3
-"""After the run's end, the bag is closed when nothing has come for so long."""
+"""After the run's end, the bag is closed when no message has come for so long."""
 LAST_MESSAGES_SECONDS = 6.0
-"""After the run's end, how long the bag is kept open for last words that may be to come."""
+"""After the run's end, how long the bag is kept open for expected last messages."""
 PLANNING_SECONDS = 600.0
-"""The same where robots plan on what they have learned before they say their last words."""
+"""The same in runs whose robots plan after learning, before their last messages."""
 TALK_SECONDS = 20.0
-"""After the run's end, how long a node that goes on publishing keeps the bag open."""
+"""After the run's end, how long a node that continues to publish keeps the bag open."""
 KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
 """How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
 STALL_SECONDS = 1.0
-"""A recorder that has not moved for so long (it was stopped) may have lost messages."""
+"""A recorder that did not run for so long (it was stopped) may have lost messages."""
 
 
 class Recording:
     """A recorder's part in one run: its bag, and the time at which messages are logged.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
-    the bag's time line is the world's, however fast the run went. (When something happened by the
-    wall clock, the service events say.)
+    the bag's time line is the world's, however fast the run went. (The service events have the
+    times of the wall clock.)
 
     Args:
         node: the recorder, which follows the run.
@@ -76,8 +76,8 @@ class Recording:
         run, bag: as above.
         convert: between the run's time steps and ROS time.
         now_ns: the newest stamp seen.
-        said_ns: the time that the world has said.
-        heard: when the last message came, by `time.monotonic`.
+        said_ns: the newest time in the world's status.
+        heard: the time of the last message, by `time.monotonic`.
         obeyed: name of the last order to go back.
         final: the robots whose last tables have come.
     """
@@ -117,7 +117,7 @@ class Recording:
         bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
 
     def _later(self, at: int, name: str) -> int:
-        """Go on to a message's time; one that is not of the run's time is logged now."""
+        """Advance to a message's time and return it; outside the run's time, the newest stamp."""
         now = self.now_ns
         if at < 0 or at > max(now, self.said_ns) + self._near_ns:
             said = f"stamp {at // SECOND} s {at % SECOND} ns"
@@ -131,7 +131,7 @@ class Recording:
         return at
 
     def attach_tables(self, robot: str, said: tuple[bytes, int, str]) -> None:
-        """Attach a robot's tables to the bag, each but once."""
+        """Attach a robot's tables to the bag, each only once."""
         packed, step, occasion = said
         self.heard = time.monotonic()
         improved = occasion == wire.Occasion.IMPROVED
@@ -141,12 +141,12 @@ class Recording:
                 self._tables[robot] = (step, packed)
                 name = wire.tables_attachment(robot, step)
             self.bag.attach(name, packed, "application/x-npz", self.now_ns)
-            self.flush()  # the robot saves now, and may go on from there
+            self.flush()  # the robot saves now, and may resume from there
         if occasion == wire.Occasion.FINAL:
             self.final.add(robot)
 
     def go_back(self, order: Order) -> None:
-        """Begin another file of the bag where the run goes back."""
+        """Begin another file of the bag when the run goes back."""
         if order.name == self.obeyed:
             return
         self.obeyed = order.name
@@ -156,7 +156,7 @@ class Recording:
             self._tables.clear()
 
     def flush(self) -> None:
-        """Let all that was recorded survive this process."""
+        """Write all recorded messages out, so that they survive this process."""
         self._steps = 0
         self._flushed = time.monotonic()
         self.bag.flush()
@@ -172,7 +172,7 @@ class Recording:
     # Its sources.
 
     def listen(self) -> None:
-        """Listen to the run's team."""
+        """Subscribe to the topics of the run's team."""
         node = self._node
         of_team, of_node, of_robot = map(ros_topics.recorded, (TEAM, NODE, ROBOT))
         for topic in of_team:
@@ -200,7 +200,7 @@ class Recording:
         return self.bag.add_topic(full_name, topic.type_name, qos)
 
     def _record(self, topic: ros_topics.RosTopic, owner: str) -> None:
-        """Write down a topic, at the time that its messages say, or at the world's."""
+        """Record a topic, at the time in its messages, or at the world's."""
         node = self._node
         name = topic.of(owner)
         channel = self._channel(topic, name)
@@ -235,7 +235,7 @@ class Recording:
             )
 
     def _of_this_namespace(self, data: bytes) -> bytes:
-        """Return diagnostics of nodes in this one's namespace; b"": they are of others."""
+        """Return the diagnostics of nodes in this node's namespace; b"": there are none."""
         space = self._node.get_namespace().strip("/")
         names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
         spaces = {
@@ -246,7 +246,7 @@ class Recording:
     # The methods of a follower of a run.
 
     def world_said(self, said: RunStatus) -> None:
-        """Go back where the world says so; take in its time."""
+        """Go back if the world orders it; note the world's time."""
         if said.order.name:
             self.go_back(said.order)
             self._untold = True
@@ -254,7 +254,7 @@ class Recording:
         self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
-        """Tell the world that all hear each other; note what has come, flush what has waited."""
+        """Tell the world when all nodes are connected; note new messages, flush waiting ones."""
         if self._untold and self._finds_robots():
             self._untold = False
             progress = Progress("", 0, 0, (), self.obeyed).values()
@@ -273,7 +273,8 @@ class Recording:
     def _note_stall(self, seconds: float) -> None:
         """Record that this recorder was stalled: messages that waited for it may be lost.
 
-        The middleware keeps the newest messages of each topic, and forgets who is silent for long.
+        The middleware keeps only the newest messages of each topic, and drops a participant that
+        is silent for long.
         """
         step = self._moved_ns // self.convert.period
         texts = {"step": str(max(0, step - LAG_STEPS)), "seconds": f"{seconds:.1f}"}
@@ -283,7 +284,7 @@ class Recording:
         )
 
     def _finds_robots(self) -> bool:
-        """Return whether all robots are in the graph: they know then that this recorder listens.
+        """Return whether all robots are in the graph: they then know that this recorder listens.
 
         A robot cannot tell by itself as long as a killed recorder is in its graph.
         """
@@ -302,8 +303,8 @@ class Recording:
     def _heard_all(self) -> bool:
         """Return whether the last messages of all nodes have come.
 
-        Nodes leave when all that they said has arrived. Those in this process stay until the
-        recorder has ended; their last words are the robots' tables.
+        Nodes leave when all their messages have arrived. Nodes in this process stay until the
+        recorder has ended; their last messages are the robots' tables.
         """
         node = self._node
         names = self.run.scenario.names
@@ -317,7 +318,7 @@ class Recording:
         )
 
     def report(self) -> None:
-        """Say on `/diagnostics` how much was recorded."""
+        """Publish the amount of recorded data on `/diagnostics`."""
         if self._node.error is None:
             values = {
                 "messages": self.bag.message_count,
@@ -335,16 +336,16 @@ def why_of(order: Order) -> dict[str, str]:
 
 
 class Recorder(Follower):
-    """Writes down every topic of the team and the service events, as they are.
+    """Records every topic of the team and the service events, unchanged.
 
     Args:
         place: where the node is made, and with what: see `Place`. With `direct` another process
             writes the bag, and an error of the recording does not stop the other nodes.
 
     Attributes:
-        directory: of the bag.
-        recording: its part in the run; None before that has begun.
-        error: why the recording ended too early, or None.
+        directory: the bag's directory.
+        recording: its part in the run; None before the run has begun.
+        error: the error that ended the recording too early, or None.
 
     Raises:
         SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
@@ -369,7 +370,7 @@ class Recorder(Follower):
         )
 
     def fail(self, error: SparseCoordError) -> None:
-        """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
+        """Stop; if only the bag is broken, the other nodes of the process continue."""
         if (
             self.direct is None
             or self.recording is None
@@ -383,7 +384,7 @@ class Recorder(Follower):
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
-        """Where a bag is continued, wait until the world has said from where."""
+        """If a bag is continued, wait until the world has named the step to continue from."""
         said = self.status
         going_back = said is None or (
             said.state == wire.RunState.RESUMING and not said.order.name
@@ -394,7 +395,7 @@ class Recorder(Follower):
         return not waits
 
     def begin(self, run: RunConfig) -> None:
-        """Open the bag, and listen to the run's team."""
+        """Open the bag, and subscribe to the topics of the run's team."""
         earlier = continued(self.directory) if self.values["resume"] else None
         before = {} if earlier is None else earlier.metadata.get(RUN_RECORD, {})
         if before.get("id", run.id) != run.id:
@@ -433,7 +434,7 @@ class Recorder(Follower):
         self.get_logger().info(f"records {run.scenario.name} from now on{again}")
 
     def may_stop(self) -> bool:
-        """As of every follower, but not for ever where others go on talking."""
+        """As `Follower`'s, but with a time limit if other nodes continue to publish."""
         now = time.monotonic()
         return (
             super().may_stop() or now - (self._stopping or now) > LAST_MESSAGES_SECONDS

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How a team goes on: robots that come back, and runs that are resumed."""
+"""How a team continues: robots that come back, and runs that are resumed."""
 
 import functools
 import time
@@ -23,13 +23,13 @@ from sparse_coord_ros.ros.nodes.parameters import ROLL_BACK
 
 
 class Returning(WorldRollback):
-    """Receives robots' reports on checkpoints, and rolls the team back when that is due.
+    """Receives robots' reports on checkpoints, and rolls the team back if needed.
 
     Args:
         run: the run.
         side: the world's side of the lock step.
         output: saves the world's files; its node's `resume` and `returning` are used.
-        changed: called when an order was given, and when the team goes on.
+        changed: called after an order, and when the team continues.
     """
 
     def __init__(
@@ -59,11 +59,11 @@ class Returning(WorldRollback):
 
     @property
     def calling(self) -> bool:
-        """True if the team waits for all to say where they are, before it goes on there."""
+        """True if the team waits for the progress of all robots before it continues."""
         return self._side.held and self.order.step == NO_ROLLBACK
 
     def resume(self) -> list[str]:
-        """Order the step to resume from, if resuming; return robots with unknown checkpoints.
+        """If resuming, order the step to resume from; return robots with unknown checkpoints.
 
         Raises:
             RunError: a robot keeps no checkpoints, or the world's is of another run.
@@ -86,7 +86,7 @@ class Returning(WorldRollback):
         return silent
 
     def look(self, now: float, *, all_listen: Callable[[], bool]) -> None:
-        """End the hold after an order; who does not obey in time joins later."""
+        """End the hold after an order; a robot that does not obey in time joins later."""
         late = now - self._since >= self._run.step_timeout
         recorded = not self._run.recorded or self._recorder_obeyed == self.order.name
         if not late and not (recorded and all_listen()):
@@ -102,12 +102,12 @@ class Returning(WorldRollback):
         self._changed()
 
     def begin(self, now: float) -> None:
-        """The run is under way from now on; so long a resumed team has had to obey."""
+        """The run begins now; until now a resumed team had time to obey."""
         self._under_way = True
         self._since = now
 
     def _on_progress(self, robot: int, said: Progress) -> None:
-        """Take in a robot's report on checkpoints; its return may roll back the team."""
+        """Read a robot's report on checkpoints; its return may roll back the team."""
         if self.heard(robot, said) and self._under_way and not self._side.finished:
             self._came_back(robot, said)
         self._output.count(self.events)
@@ -137,7 +137,7 @@ class Returning(WorldRollback):
         self._recorder_obeyed = said.obeyed
 
     def _order_back(self, *, together: bool = True) -> bool:
-        """Go back, as `go_back`, and say so."""
+        """Go back, as `go_back` does, and log it."""
         gone = self.go_back(together=together)
         if gone:
             self._since = time.monotonic()

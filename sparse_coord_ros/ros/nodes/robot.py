@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot node: one agent of Algorithm 1, which knows its peers only by their answers.
 
-`Member` is its part in a run: all that exists once the run is known.
+`Member` is the robot's part in a run, and exists once the run is known.
 """
 
 from pathlib import Path
@@ -42,7 +42,7 @@ LAST_REWARD_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
 
 PEER_PATIENCE_SECONDS = 2.0
-"""How long a robot that is ready itself waits for its peers' services before it says so."""
+"""How long a robot that is ready waits for its peers' services before it logs their names."""
 
 
 class Member:
@@ -53,7 +53,7 @@ class Member:
         run: the run.
 
     Attributes:
-        output: where it saves.
+        output: saves its files.
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
         peers: asks its peers, and answers them.
@@ -107,7 +107,7 @@ class Member:
         self._say_progress()
 
     def _fresh_agent(self) -> Agent:
-        """Return an agent as it is at the run's beginning."""
+        """Return an agent in its initial state."""
         run = self.run
         number = self._number
         learning = not self.run.greedy
@@ -125,13 +125,13 @@ class Member:
     # Going back to a checkpoint.
 
     def _say_progress(self) -> None:
-        """Tell the world which checkpoints there are."""
+        """Tell the world the robot's checkpoints."""
         self._progress.publish(
             status(self._name, "progress", self._back.progress().values())
         )
 
     def world_said(self, said: RunStatus) -> None:
-        """Take in the world's status: an order to go back, and its progress."""
+        """Read the world's status: an order to go back, and its progress."""
         order = said.order
         if self._back.obey(order):
             if order.step != NO_ROLLBACK:
@@ -141,9 +141,7 @@ class Member:
                 self._node.get_logger().info(
                     f"went back to the checkpoint of step {order.step}"
                 )
-                self.joined = (
-                    False  # the world goes on when all listen anew, and have said so
-                )
+                self.joined = False  # the world waits until all listen again
             elif self.joined:
                 self._say_progress()
         if self._step_filter.confirmed(said.step):
@@ -160,26 +158,26 @@ class Member:
         self._percept.publish(self._convert.path(step, (cell, *(perceived or ()))))
 
     def ask(self, peer: int, step: int, cell: int) -> None:
-        """Request the peer's local state; a peer that fell silent is not waited for."""
+        """Request the peer's local state; return False for a peer that fell silent."""
         if not self.peers.ask(peer, step, cell):
             self.lockstep.expire()
 
     def episode(self, step: int) -> None:
-        """Publish the coordination map as it is, when an episode begins and now and then."""
+        """Publish the current coordination map, when an episode begins and now and then."""
         rows = self.lockstep.agent.mind.q_star
         self._map_publisher.publish(
             self._convert.pack_coordination_map(step, np.array(rows))
         )
 
     def checkpoint(self, step: int) -> None:
-        """Publish the tables on the way, and save where the robot is."""
+        """Publish the current tables, and save a checkpoint."""
         self._publish_tables(wire.Occasion.CHECKPOINT)
         self._save_checkpoint()
 
     # Incoming.
 
     def _on_state(self, said: tuple[int, int]) -> None:
-        if not self.joined:  # it went back, and is yet to listen anew
+        if not self.joined:  # it went back, and does not listen again yet
             return
         step, cell = said
         drop = self._node.subscriber.drop
@@ -193,7 +191,7 @@ class Member:
             return
         if self._presence.sees(step):
             drop(ros_topics.STATUS.name, "the world announced the end of the run")
-        # no order to go back has come: it goes on from its own checkpoint
+        # no order to go back has come: it uses its own checkpoint
         if self._unsaid:
             self._unsaid = False
             self._say_what_is_known(step)
@@ -211,7 +209,7 @@ class Member:
     # The course of the run.
 
     def go_on(self, now: float) -> None:
-        """Join the run where the robot has not; then keep its deadlines until it is over."""
+        """Join the run if the robot has not; then keep its deadlines until the run is over."""
         if not self.joined:
             self._join_when_ready(now)
         elif self._presence.end is None:
@@ -220,7 +218,7 @@ class Member:
     def _join_when_ready(self, now: float) -> None:
         """Subscribe to the world once all required subscribers of this robot are there.
 
-        The world waits for these subscriptions: with them the robot says that it is ready.
+        The world waits for these subscriptions: they tell it that the robot is ready.
         """
         missing = self._not_heard_by()
         if missing:
@@ -236,7 +234,7 @@ class Member:
             self._say_what_is_known(self.lockstep.handled)
 
     def _listen(self) -> None:
-        """Listen to the world from now on: nothing that it published before comes any more."""
+        """Subscribe to the world: only messages that it publishes from now on arrive."""
         for ear in self._ears:
             self._node.destroy_subscription(ear)
         if not self._ears:
@@ -264,7 +262,7 @@ class Member:
         self.joined = True
 
     def _not_heard_by(self) -> str:
-        """Return who is to hear this robot and does not yet, or an empty text."""
+        """Return the required subscribers of this robot that are missing, or an empty text."""
         heard_by = self._node.heard_by
         robots = self.run.scenario.robots
         if not heard_by(self._action, WORLD):
@@ -281,7 +279,7 @@ class Member:
         return ""
 
     def all_done(self, now: float) -> bool:
-        """Return whether all transitions are learned, or the missing messages are overdue."""
+        """Return whether all transitions are learned, or missing messages are overdue."""
         side = self.lockstep
         end = self._presence.end
         ended = self._presence.ended
@@ -295,7 +293,7 @@ class Member:
 
     @property
     def _finished(self) -> bool:
-        """True if the world has said that the budget is used up."""
+        """True if the world's status says that the budget is used up."""
         said = self._node.status
         return said is not None and said.state == wire.RunState.FINISHED
 
@@ -306,7 +304,7 @@ class Member:
         self._say_progress()
 
     def _save(self) -> Path | None:
-        """Write the tables and return their path; None: no directory was given."""
+        """Write the tables and return their path; None: the parameter `out` is not set."""
         packed = self._packed()
         name = self._name
         place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
@@ -338,7 +336,7 @@ class Member:
         return pack_tables({number: agent.memory()}, counts=counts)
 
     def finish(self, *, interrupted: bool) -> None:
-        """Publish the last coordination map and the tables, save them and let all arrive."""
+        """Publish the last coordination map and the tables, save, and wait for readers."""
         if self.lockstep.handled and not self._unsaid:
             self._save_checkpoint()
         path = self._save()
@@ -355,7 +353,7 @@ class Member:
     # Reports.
 
     def report(self) -> None:
-        """Say how learning goes, and where the robot would ask."""
+        """Publish the progress of learning, and the cells in which the robot would ask."""
         step = self.lockstep.newest[0]
         if self.joined and step == NO_STEP:
             self._node.remind(self._node.reminder, "the world to begin")
@@ -380,14 +378,14 @@ class Member:
         self._publish_tables(wire.Occasion.INITIAL)
 
     def _publish_tables(self, occasion: str) -> None:
-        """Publish the tables; `occasion` says why."""
+        """Publish the tables; `occasion`: the reason, a `wire.Occasion`."""
         self._tables.publish(
             tables_message(self._packed(), self.lockstep.handled, occasion)
         )
 
 
 class RobotNode(Follower):
-    """Gets a name, becomes a member of the team that is announced, and leaves it at the end.
+    """Gets a name, becomes a member of the announced team, and leaves it at the end.
 
     Args:
         name: the robot's name unless the command line remaps it.
@@ -413,11 +411,11 @@ class RobotNode(Follower):
         return self.guard.holds(now)
 
     def check(self, run: RunConfig) -> None:
-        """Refuse code that may not be imported here, and paths that this node was not given.
+        """Refuse code that may not be imported, and paths that the user did not give this node.
 
         Raises:
             NotAllowedError: the run names such code.
-            TablesError: it begins with tables, and this node has no parameter `tables`.
+            TablesError: the run begins with tables, and this node has no parameter `tables`.
         """
         run.check_code()
         if run.tables and not self.values["tables"]:

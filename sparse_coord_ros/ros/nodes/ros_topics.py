@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The topics of `wire` for rclpy: bound to message classes and QoS profiles.
 
-Names are relative (except /diagnostics and what ROS itself makes absolute), so a whole
+Names are relative (except /diagnostics and the topics that ROS itself makes absolute), so a whole
 team moves into a namespace together. A robot's topics lie under its name.
 """
 
@@ -28,7 +28,7 @@ QOS_PROFILES = {
         depth=wire.TABLES_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL
     ),
 }
-"""How each is offered, always reliably (rclpy's default). The lock step needs a depth of 2; the
+"""QoS of the publishers, always reliable (rclpy's default). The lock step needs a depth of 2; the
 rest is for a recorder that lags."""
 STEP_QOS = QOS_PROFILES[Delivery.STEP]
 LATCHED_QOS = QOS_PROFILES[Delivery.LATCHED]
@@ -74,13 +74,13 @@ def __getattr__(name: str) -> RosTopic:
 
 
 def clock_of(run: RunConfig) -> RosTopic:
-    """Return the topic of a run's clock: it is hidden where another node owns /clock."""
+    """Return the topic of a run's clock: a hidden one if another node owns /clock."""
     hidden = run.clock == NO_CLOCK
     return bind(replace(wire.CLOCK, name=wire.HIDDEN_CLOCK) if hidden else wire.CLOCK)
 
 
 def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
-    """Return the topics of an owner that a recorder writes down."""
+    """Return the topics of an owner that a recorder records."""
     return tuple(
         bind(one) for one in wire.TOPICS if one.recorded and one.owner == owner
     )
@@ -92,6 +92,6 @@ def recorder_qos(topic: RosTopic) -> QoSProfile:
 
 
 CLAIMS_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For reading claims: with a depth of 1, one's own would push out that of another node."""
+"""For reading claims: with a depth of 1, the node's own claim would push out another node's."""
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Display of a team in RViz and Foxglove beside the markers: names, questions, doorways.
 
-It comes with the markers, but not at every episode's start, and 30 times a second at most. Where
-tf2_msgs is installed, transforms `map` to `<robot>/base_link` come along.
+It is published with the markers, but not at every episode's start, and 30 times a second at most.
+If tf2_msgs is installed, it includes transforms `map` to `<robot>/base_link`.
 """
 
 import time
@@ -55,7 +55,7 @@ class Scene:
     header: Header
 
     def markers(self, actions: Mapping[int, bytes]) -> MarkerArray:
-        """Return names, the questions of the actions, and how full the doorways are.
+        """Return markers of names, of the questions in the actions, and of robots in doorways.
 
         Args:
             actions: the newest action of each robot, as bytes; only questions of the step before
@@ -87,7 +87,7 @@ class Scene:
         return marker
 
     def _text(self, space: str, k: int, text: str, north: float) -> Marker:
-        """Return a text `north` of a robot's cell's centre, in cells."""
+        """Return a text marker, `north` cells north of the centre of a robot's cell."""
         marker = self._marker(space, k, Marker.TEXT_VIEW_FACING)
         metres = self.convert.resolution
         (x, y) = self.convert.centres[self.cells[k]]
@@ -116,10 +116,10 @@ class Scene:
         return [line, self._text(WORDS, k, f"asks {whom}: {outcome}", -0.4)]
 
     def _read(self, action: bytes) -> tuple[int, str] | None:
-        """Return the asked peer (from 0, -1: all) and the percept's end; None: it did not ask."""
+        """Return the asked peer (from 0, -1: all) and the percept's end; None: no question."""
         try:
             acted, said, report = self.convert.unpack_self_report(action)
-        except ValueError:  # the world takes an action, whatever else a robot says
+        except ValueError:  # the world accepts an action without its report
             return None
         if not said.asked or acted < self.step - 1:
             return None
@@ -127,7 +127,7 @@ class Scene:
         return said.peer, FAILED if end is None else end.outcome
 
     def _doorway(self, number: int, cell: int, robots: int) -> Marker:
-        """Return a box that grows with the robots in a doorway, flat and pale where none is."""
+        """Return a box that grows with the robots in a doorway, flat and pale if it is empty."""
         alpha = (0.15, 0.45, 0.8)[min(robots, 2)]
         box = self._marker(OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
         metres = self.convert.resolution
@@ -171,9 +171,9 @@ class ScenePublisher:
 
         Args:
             step: the time step.
-            cells: where the robots are then.
+            cells: the robots' cells then.
             stamp: the ROS time, (sec, nanosec).
-            always: publish it even then.
+            always: True: publish it even then.
         """
         now = time.monotonic()
         convert = self._convert

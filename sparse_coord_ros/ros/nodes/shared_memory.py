@@ -4,8 +4,8 @@
 
 Fast DDS keeps a segment for each participant in /dev/shm. A process that ends removes its own;
 SIGKILL leaves them there, half a megabyte each time. A lock file beside each is locked while its
-owner lives, so that leftovers of any program can be recognised (`fastdds shm clean` does so
-too). Ports (50 kB each) stay: the next processes use them again.
+owner lives, so that leftovers of any program can be recognised (`fastdds shm clean` does the
+same). Ports (50 kB each) stay: the next processes use them again.
 """
 
 import fcntl
@@ -29,10 +29,10 @@ def leftovers(folder: Path = FOLDER, *, remove: bool = False) -> list[Path]:
     """Return the files of segments that no living process holds, sorted.
 
     Args:
-        folder: where shared memory is.
-        remove: remove them, and return those that were. Files of other users, which this process
-            may not remove, stay; so do those that are so young that their owner may be about to
-            lock them.
+        folder: the directory of the shared memory.
+        remove: remove them, and return the removed files. Files of other users stay, as this
+            process may not remove them. Young files stay too, as their owner may be about to lock
+            them.
     """
     found: defaultdict[str, list[Path]] = defaultdict(list)
     with suppress(OSError):
@@ -59,4 +59,6 @@ def _free(files: list[Path], remove: bool) -> bool:
         for path in files if remove else ():
             path.unlink()
         return True
-    return False  # its owner lives, or it is another user's, or it has just gone
+    return (
+        False  # its owner lives, or it is another user's, or it has just been removed
+    )

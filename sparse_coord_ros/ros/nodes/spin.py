@@ -33,20 +33,20 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 
 READERS_SECONDS = 3.5
-"""How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
-again every three seconds."""
+"""How long the last messages may take: with a user's own profiles, Fast DDS offers lost ones again
+every three seconds."""
 
 POLL_SECONDS = 0.01
-"""Between two looks at the condition and at signals; meanwhile the executor goes from callback to
-callback by itself: a call of it for each would cost a tenth of a time step."""
+"""Between two checks of the condition and of signals. Meanwhile the executor runs one callback
+after the other: a separate call for each would cost a tenth of a time step."""
 
 MATCH_SECONDS = 1.0
-"""How long the readers of /rosout may take to find a node's last word."""
+"""How long the readers of /rosout may take to find the publisher of a node's last message."""
 
 PATIENCE_SECONDS = 3.0
 SHUTDOWN_SECONDS = 10.0
 STDERR = 2
-"""Its number: a terminal that was closed has none in `sys`."""
+"""Its file descriptor: `sys` has none after the terminal was closed."""
 
 
 class Stop:
@@ -62,7 +62,7 @@ class Stop:
         self._at_once = False
 
     def __bool__(self) -> bool:
-        """Return whether to stop."""
+        """Return whether a signal has come."""
         return self.signal is not None
 
     def handle(self, number: int, frame: object) -> None:
@@ -77,7 +77,7 @@ class Stop:
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """Let the first signal interrupt at once, also one that has come before."""
+        """Let the first signal interrupt at once, also one that came before."""
         self._at_once = True
         try:
             if self:
@@ -89,7 +89,7 @@ class Stop:
 
 @contextmanager
 def signals() -> Iterator[Stop]:
-    """Catch `STOPPING`, so that nodes can say good-bye while ROS still works."""
+    """Catch `STOPPING`, so that nodes can send their last messages while ROS still works."""
     stop = Stop()
     ignored = (
         [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else []
@@ -128,11 +128,11 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
 
 @contextmanager
 def limited_shutdown() -> Iterator[None]:
-    """End the process with exit code 1 where taking ROS down hangs; everything is saved by then.
+    """End the process with exit code 1 if the shutdown of ROS hangs; everything is saved by then.
 
     Fast DDS 2.14 can deadlock when another participant leaves (eProsima/Fast-DDS issue 6502), and
-    then no signal ends the process. The watchdog runs without Python's interpreter lock, which the
-    call that hangs holds; so all that it can say is "Timeout" and where each thread is.
+    then no signal ends the process. The hanging call holds Python's interpreter lock. The watchdog
+    runs without it, and so can only print "Timeout" and the stack of each thread.
     """
     faulthandler.dump_traceback_later(SHUTDOWN_SECONDS, exit=True, file=STDERR)
     try:
@@ -169,12 +169,12 @@ def spin_nodes(
     """Run nodes until a condition holds.
 
     Raises:
-        SparseCoordError: why a node failed.
+        SparseCoordError: a node failed.
     """
     executor = make_executor(kind, context)
     turn = Future()
     steady = Clock(clock_type=ClockType.STEADY_TIME)
-    # With a timeout alone the EventsExecutor comes back only when no message waits any more.
+    # With a timeout alone the EventsExecutor returns only when no message waits.
     timer = nodes[0].create_timer(
         POLL_SECONDS, lambda: turn.set_result(None), clock=steady
     )
@@ -197,7 +197,7 @@ def spin_nodes(
 def wait_for_readers(publishers: Iterable[Publisher]) -> None:
     """Wait until all readers have the published messages, at most `READERS_SECONDS`.
 
-    A killed reader never says so.
+    A killed reader never confirms this.
     """
     deadline = time.monotonic() + READERS_SECONDS
     for publisher in publishers:
@@ -207,7 +207,7 @@ def wait_for_readers(publishers: Iterable[Publisher]) -> None:
 
 
 def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
-    """Publish on /rosout why a node ends, for who is not at its terminal, which shows it too.
+    """Publish on /rosout the error that ends a node, for users who do not see its terminal.
 
     The text of an unexpected exception is its traceback.
     """
@@ -235,10 +235,10 @@ def ending(
     try:
         yield
     except errors.NameTakenError:
-        raise  # the team is another node's: neither save nor publish the error
+        raise  # the team belongs to another node: neither save nor publish the error
     except Exception as error:
         failure = errors.failure_of(error)
-        with suppress(Exception):  # the first error is the one to tell
+        with suppress(Exception):  # report the first error
             save()
         failed = [node for node in nodes if node.failure is not None] or nodes
         for node in failed[:1]:
@@ -278,8 +278,7 @@ def run_node(
 ) -> int:
     """Run one node as a process: until it is `done`, or one of `STOPPING` comes.
 
-    The node's `finish(interrupted)` is called at the end, whatever brought it, while ROS still
-    works.
+    The node's `finish(interrupted)` is called at any end, while ROS still works.
 
     Returns:
         The exit code: 0 after the run and after a signal; see `exit_code_of`.

@@ -68,9 +68,7 @@ class Subscriber:
                     if unpack
                     else read(deserialize_message(data, topic.type))
                 )
-            except (
-                Exception
-            ) as error:  # rclpy, struct, Unicode: whatever the bytes bring about
+            except Exception as error:  # errors of rclpy, struct, Unicode and others
                 self.drop(name, error)
                 return
             then(said)
@@ -84,7 +82,7 @@ class Subscriber:
 
         Args:
             name: of the topic or service.
-            why: the error in the message.
+            why: the message's error.
             done: its treatment, for the log.
         """
         self.dropped[name] += 1

@@ -39,10 +39,10 @@ if TYPE_CHECKING:
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:
-    """Return the run of a team, checked whole before anything is written.
+    """Return the run of a team, completely checked before any file is written.
 
     Args:
-        values: all of `TEAM_PARAMETERS`; `recorded` is set to what `record` says.
+        values: all of `TEAM_PARAMETERS`; `recorded` is set to the value of `record`.
 
     Raises:
         SparseCoordError: bad input.
@@ -68,19 +68,19 @@ def run_team(
     stop: Callable[[], bool] = lambda: False,
     page: "MessageBoard | None" = None,
 ) -> dict[str, Any]:
-    """Run a team until its step budget is used up or `stop` says so.
+    """Run a team until its step budget is used up or `stop` returns True.
 
     Args:
         values: some of `TEAM_PARAMETERS`; `out` is the output directory, which must not
             exist, unless the run is to `resume`.
         context: the ROS context.
         namespace: the team's namespace.
-        stop: asked several times a second.
+        stop: called several times a second.
         page: the board of a page that shows the team; None: none.
 
     Returns:
-        The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early,
-        `recording_error`, where it is there, why the recording was.
+        The summary, as in `summary.yaml`. `interrupted`: whether the run was stopped early.
+        `recording_error`, if present: the error that ended the recording.
 
     Raises:
         SparseCoordError: bad input.
@@ -125,8 +125,8 @@ def run_team(
 class _TeamEnd:
     """The end of a team's nodes, one kind after the other.
 
-    The world ends first, then the robots when they have learned all that it has done, the page,
-    and the recorder.
+    The world ends first, then the robots when they have learned all its transitions, then the
+    page, and the recorder.
 
     Args:
         nodes: the nodes.
@@ -180,8 +180,8 @@ def _spin(
 ) -> bool:
     """Spin until every node has ended; return whether they were stopped before the run's end.
 
-    Each node saves and reports; then the first error is raised. One executor has all
-    nodes until the last has ended: a new executor would miss the messages that wait in this one.
+    Each node saves and reports; then the first error is raised. One executor has all nodes until
+    the last has ended: a new executor would miss the messages that wait in the old one.
     """
     end = _TeamEnd(nodes, stop)
     while end.left:

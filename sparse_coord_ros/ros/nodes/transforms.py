@@ -1,13 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Frames as REP 105 has them: how they are called, and how they are published.
+"""Frames of REP 105: their names, and their publication.
 
 All robots share the frame `map`. A robot's frames are `odom` and `base_link` below its name, with
 the team's namespace, or the parameter `frame_prefix`, in front.
 
-Transforms go to `tf` in the team's namespace, as Nav2's launch files have it, not to /tf: a team
-in a namespace has a clock of its own there, and transforms of several clocks in one topic are of
-of no use. Outside any namespace the two are the same.
+Transforms go to `tf` in the team's namespace, as in Nav2's launch files, not to /tf. A team in a
+namespace has a clock of its own there, and transforms of several clocks in one topic are useless.
+Outside any namespace `tf` and /tf are the same.
 """
 
 import math
@@ -51,7 +51,7 @@ def pose_message(pose: Pose) -> PoseMessage:
 
 
 def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
-    """Return the pose of a frame in that of a header."""
+    """Return the pose of a child frame in a header's frame, as a transform."""
     there = Transform(
         translation=Vector3(x=pose.x, y=pose.y), rotation=turned(pose.yaw)
     )
@@ -59,7 +59,7 @@ def transform(header: Header, child: str, pose: Pose) -> TransformStamped:
 
 
 def seconds_of(header: Any) -> float:
-    """Return a header's time; the steady clock's where it has none."""
+    """Return a header's time in seconds; the steady clock's if it has none."""
     stamp = header.stamp
     if stamp.sec == 0 and stamp.nanosec == 0:
         return time.monotonic()
@@ -67,7 +67,7 @@ def seconds_of(header: Any) -> float:
 
 
 class HeardTransforms:
-    """Tells from transforms where a frame is in another one.
+    """Computes from transforms the pose of a frame in another one.
 
     Args:
         parent: the frame in which poses are wanted.
@@ -80,9 +80,9 @@ class HeardTransforms:
         self._tree = Tree()
 
     def read(self, message: Any, *, static: bool) -> tuple[float, Pose] | None:
-        """Take in a TFMessage, and return when the child was where in the parent.
+        """Read a TFMessage; return the time and the child's pose in the parent.
 
-        None: the message has no transform on the way between them, or some are yet to come.
+        None: the message has no transform between them, or other transforms are still missing.
         """
         for one in message.transforms:
             place = one.transform.translation

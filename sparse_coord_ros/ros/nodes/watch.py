@@ -3,7 +3,7 @@
 """The node `watch`: reads a team's messages, and shows them on a page in the browser.
 
 The team never waits for it. It subscribes to the topics of a team in other processes. Inside a
-team's process it reads world and robots directly: taking every message would slow the team.
+team's process it reads world and robots directly: receiving every message would slow the team.
 """
 
 import contextlib
@@ -61,17 +61,17 @@ if TYPE_CHECKING:
     from sparse_coord_ros.show.page.server import Server
 
 PAGE_SECONDS = 1 / 20
-"""Between two looks at what there is to show."""
+"""Between two updates of the page."""
 
 GONE_SECONDS = 4.0
-"""After so long without a word the world is called gone; it says its status every second."""
+"""After so long without a status the world counts as gone; it publishes one every second."""
 
 LATE_TICKS = 10
-"""So long an action, a reward or a state may come after the next time step's. Counted in ticks of
-the node: a process that stood still has what it waits for in its queue."""
+"""How much later than the next time step's an action, a reward or a state may come. Counted in
+ticks of the node: a process that was stopped has the messages in its queue."""
 
 MOST_STEPS_HEARD = 10_000
-"""Time steps of which a part is remembered at most; a stranger can send any."""
+"""Most time steps with incomplete messages that are kept: a foreign node can send any number."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
 
@@ -80,12 +80,12 @@ class Controls(Controlled):
     """Requests of a page: calls of the world's services, and to halt also of the drivers'.
 
     Args:
-        node: calls.
+        node: makes the calls.
 
     Attributes:
-        view: says how it went; None: no run is shown.
+        view: shows the outcome; None: no run is shown.
         rate: the world's rate; None: it is not known.
-        halting: asks the world and the drivers to halt.
+        halting: the requests to halt to the world and the drivers.
     """
 
     def __init__(self, node: Node) -> None:
@@ -101,7 +101,7 @@ class Controls(Controlled):
         self.halting = Halting(node, node.get_namespace())
 
     def call(self) -> None:
-        """Make the calls that are due."""
+        """Make the due calls."""
         for control in self.wishes():
             self._do(control)
         self.halting.tick(time.monotonic())
@@ -162,7 +162,7 @@ class InsideWatch(ParameterNode):
     """Shows a team in this process.
 
     Args:
-        board: of the page.
+        board: the page's board.
         world, robots: the team's nodes.
         place: where the node is made, and with what: see `Place`.
     """
@@ -190,7 +190,7 @@ class InsideWatch(ParameterNode):
         self.create_timer(PAGE_SECONDS, self._tick)
 
     def _on_transition(self, seen: TeamTransition) -> None:
-        """Hear of each transition, from the world's side of the lock step."""
+        """Receive each transition from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
         if any(
             one is not None and one.asked and not one.perceived for one in seen.actions
@@ -229,7 +229,7 @@ class InsideWatch(ParameterNode):
         tables = {k: (side.handled, side.agent.tables) for k, side in sides if side}
         asked = np.array(self._view.asked)
         for k, side in enumerate(self._sides()):
-            if side is not None:  # it counts on where a run was resumed
+            if side is not None:  # in a resumed run it includes earlier counts
                 asked[k] = np.maximum(asked[k], side.agent.asked_in)
         self._view.show_learned(
             self._world.lockstep.history.look(), tables, asked=asked
@@ -244,7 +244,7 @@ class InsideWatch(ParameterNode):
 
 
 class WatchNode(Follower):
-    """Shows the team that is there, and the next one after it.
+    """Shows the present team, and each next one after it.
 
     Args:
         server: the page's server; None: one of its own.
@@ -272,7 +272,7 @@ class WatchNode(Follower):
         self.server.board.source = self.controls
 
     def set_up(self) -> None:
-        """Serve the page, unless it is served already."""
+        """Start the page's server, unless there is one."""
         from sparse_coord_ros.show.page.message_board import MessageBoard
         from sparse_coord_ros.show.page.server import Server
 
@@ -312,7 +312,7 @@ class WatchNode(Follower):
         )
 
     def another_run(self, data: bytes) -> RunConfig:
-        """Let another run take the place of the one that is shown."""
+        """Show another run in place of the current one."""
         run = read_run(data)
         self.team.leave()
         self.presence = None
@@ -338,7 +338,7 @@ class WatchNode(Follower):
             team.view.show_learned(team.history.look(), team.tables)
 
     def look_for_the_world(self, now: float) -> None:
-        """Say where the world is gone; the page waits for the next team."""
+        """Report that the world is gone; the page waits for the next team."""
         assert self.presence is not None
         view = self.team.view
         over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
@@ -348,11 +348,11 @@ class WatchNode(Follower):
             view.notice("the world is gone; the page waits for the next team")
 
     def all_done(self, now: float) -> bool:
-        """Return False: the next team may always come."""
+        """Return False: another team may always come."""
         return False
 
     def may_stop(self) -> bool:
-        """Stop at once: there is nothing to save."""
+        """Stop at once: the node has no state to save."""
         return True
 
 
@@ -377,7 +377,7 @@ class HeardTeam:
     """The messages of one run's team, by topic.
 
     Args:
-        node: subscribes.
+        node: makes the subscriptions.
         run: the team's run.
         view: shows it.
 
@@ -385,9 +385,9 @@ class HeardTeam:
         view: as above.
         history: the episodes that were heard.
         seen: transitions heard; episode: number of the newest one.
-        without: (robot, step) pairs of them without the robot's action, though it had not arrived.
-        whole: whether all was heard from the run's first time step on, as far as is known.
-        tables: of each robot the newest that were announced, with their time step.
+        without: (robot, step) pairs without the robot's action although it had not arrived.
+        whole: whether, as far as known, no message was missed since the run's first time step.
+        tables: the newest announced tables of each robot, with their time step.
     """
 
     def __init__(self, node: ParameterNode, run: RunConfig, view: LiveView) -> None:
@@ -428,11 +428,11 @@ class HeardTeam:
 
     @property
     def pending(self) -> list[int]:
-        """The time steps with messages that are not taken in yet."""
+        """The time steps with messages that are not processed yet."""
         return list(self._steps)
 
     def leave(self) -> None:
-        """Listen no more."""
+        """Destroy the subscriptions."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
@@ -469,15 +469,15 @@ class HeardTeam:
         self.catch_up()
 
     def tick(self) -> None:
-        """Take in transitions whose waiting time is over; called at each tick of the node."""
+        """Process transitions whose waiting time is over; called at each tick of the node."""
         self._ticks += 1
         self.catch_up()
 
     def catch_up(self) -> None:
-        """Take in every complete transition; wait a moment for late messages.
+        """Process every complete transition; wait a moment for late messages.
 
-        A robot's states come in their order, but its action or reward may come after the next one:
-        they are other topics.
+        A robot's states come in their order, but its action or reward may come after the next
+        state: they have other topics.
         """
         if len(self._steps) > MOST_STEPS_HEARD:
             self._forget(max(self._steps))
@@ -491,9 +491,9 @@ class HeardTeam:
             self._forget(known[0])
 
     def _settle(self, step: int, after: int) -> bool:
-        """Take in a time step where nothing of it is waited for, and return whether that is so.
+        """Process a time step if no message of it is awaited; return whether it was processed.
 
-        After it comes the next one that was heard; where that is another, an episode ended.
+        `after` is the next received time step; a gap between them means that an episode ended.
         """
         here = self._steps[step]
         then = self._steps[after]
@@ -514,7 +514,7 @@ class HeardTeam:
         return True
 
     def _check(self, step: int) -> None:
-        """Compare with the world, where it was at the first time step that is not settled."""
+        """Compare with the world's counts, if they are for the first unprocessed time step."""
         said = self._said
         if said is None or said.step != step:
             return
@@ -528,18 +528,18 @@ class HeardTeam:
         )
 
     def _lack(self, text: str) -> None:
-        """Say, for as long as the run is shown, that the curves are not those of the run."""
+        """Show, as long as the run is shown, that the curves differ from the run."""
         if self.whole:
             self.whole = False
             self.view.lack(text)
 
     def _forget(self, until: int) -> None:
-        """Forget all that was heard of time steps up to one."""
+        """Drop all messages of time steps up to one."""
         for old in [step for step in self._steps if step <= until]:
             del self._steps[old]
 
     def _begin_where_due(self, step: int) -> None:
-        """Begin an episode where a time step does not go on with the one before."""
+        """Begin an episode if a time step does not continue the one before."""
         if self._last_made is not None and step != self._last_made + 1:
             self.episode += 1
         self._last_made = step
@@ -567,7 +567,7 @@ class HeardTeam:
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said
-        with contextlib.suppress(Exception):  # a stranger can publish anything
+        with contextlib.suppress(Exception):  # a foreign node can publish anything
             where = ros_topics.TABLES.name
             [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
             tables = tables_of(

@@ -1,11 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The robots' bodies as the world knows them: it tells them `goals`, and hears `reached`.
+"""The world's view of the robots' bodies: it sends them `goals`, and receives `reached`.
 
-Halting: the word of it stands in `goals`, which are latched, so a driver that starts later hears
-it with its first goal. It is said again until every driver has confirmed it on `halted`. A driver
-that says `halted` by itself halts the team: a user asked it directly, or the world that halted
-it is gone, and this one came in its place.
+Halting: the order is a field of `goals`. They are latched, so a driver that starts later receives
+it with its first goal. It is repeated until every driver has confirmed it on `halted`. A driver
+that publishes `halted` by itself halts the team: a user asked it directly, or an earlier world
+halted it, and this one has taken its place.
 """
 
 import functools
@@ -20,9 +20,9 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_GOALS,
     BodiesSide,
     BodyWorld,
+    GoalReport,
     Goals,
-    HaltWord,
-    Reached,
+    HaltOrder,
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS, Reminder
 from sparse_coord_ros.ros.nodes import ros_topics
@@ -36,13 +36,13 @@ class WorldBodies:
     Args:
         node: the world's node.
         run: the run.
-        there: called when all bodies that were waited for are there, or given up.
-        told_to_halt: called with the name of a robot whose driver halts by itself.
+        there: called when all awaited bodies have arrived, or are given up.
+        told_to_halt: called with the name of a robot whose driver has halted by itself.
 
     Attributes:
-        game: the game of the bodies.
+        game: the bodies' game.
         side: sends their goals.
-        halt_word: the last message to all drivers about halting.
+        halt_word: the last order to all drivers on halting.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class WorldBodies:
         self._reminder = Reminder()
         self._publisher = node.announce(ros_topics.BODY_GOALS)
         self._goals = NO_GOALS
-        self.halt_word = HaltWord.NOTHING
+        self.halt_word = HaltOrder.NOTHING
         self._stands = dict.fromkeys(self._names, False)
         self._subscriptions = []
         for k, name in enumerate(self._names):
@@ -76,14 +76,14 @@ class WorldBodies:
             node.subscriber.listen(ros_topics.HALTED, on_halted, name)
 
     def send(self, goals: Goals) -> None:
-        """Tell the bodies where to go."""
+        """Send the bodies their goals."""
         self._heard = time.monotonic()
         self._goals = goals
-        self._reminder.over()  # the waiting for these begins anew
+        self._reminder.over()  # their waiting time begins anew
         self._say_goals()
 
     def _say_goals(self) -> None:
-        """Publish the newest goals, with the word about halting."""
+        """Publish the newest goals, with the order on halting."""
         self._said = time.monotonic()
         goals = self._goals._replace(halt=self.halt_word)
         self._publisher.publish(self._convert.goals_message(goals))
@@ -92,21 +92,21 @@ class WorldBodies:
 
     @property
     def halted(self) -> bool:
-        """True if all bodies are to stand."""
-        return self.halt_word == HaltWord.HALT
+        """True if all bodies have the order to halt."""
+        return self.halt_word == HaltOrder.HALT
 
     def halt(self, hold: bool) -> None:
-        """Let all bodies stand, or go on."""
-        self.halt_word = HaltWord.HALT if hold else HaltWord.GO_ON
+        """Order all bodies to halt, or to continue."""
+        self.halt_word = HaltOrder.HALT if hold else HaltOrder.GO_ON
         self._say_goals()
 
     def say_halt_again(self, now: float) -> None:
-        """Say the word about halting again where a driver has not confirmed it."""
+        """Repeat the order on halting if a driver has not confirmed it."""
         if now - self._said >= REPEAT_SECONDS and self.unconfirmed():
             self._say_goals()
 
     def unconfirmed(self) -> list[str]:
-        """Return the robots whose drivers are there, and have not said that they obey."""
+        """Return the robots whose drivers are there, and have not confirmed the order."""
         pairs = zip(self._names, self._subscriptions, strict=True)
         driven = [name for name, heard in pairs if heard.get_publisher_count() > 0]
         return [name for name in driven if self._stands[name] != self.halted]
@@ -117,18 +117,18 @@ class WorldBodies:
             self._told_to_halt(robot)
 
     def missing(self) -> list[str]:
-        """Return the commands that start the drivers that are not there yet."""
+        """Return the commands that start the missing drivers."""
         pairs = zip(self._names, self._subscriptions, strict=True)
         silent = [name for name, heard in pairs if heard.get_publisher_count() == 0]
         return [f"driver --ros-args -p robot:={name}" for name in silent]
 
     @property
     def own(self) -> list[str]:
-        """The full names of the topics that one driver each should publish."""
+        """The full names of the topics that must have one driver each as publisher."""
         return [heard.topic_name for heard in self._subscriptions]
 
     def look(self, now: float) -> None:
-        """Log the bodies that the step waits for; a late body counts as not moved."""
+        """Log the awaited bodies; a late body counts as not moved."""
         side = self.side
         if self.halted:
             self._heard = now  # a halted body is not late
@@ -159,7 +159,7 @@ class WorldBodies:
         seconds = round(self.side.seconds, 3)
         return {"moves_failed": failed, "bodies_lost": lost, "body_seconds": seconds}
 
-    def _on_reached(self, reached: Reached) -> None:
+    def _on_reached(self, reached: GoalReport) -> None:
         self._heard = time.monotonic()
         if self.side.reached(reached):
             self._there()

@@ -40,7 +40,7 @@ from sparse_coord_ros.ros.nodes.world_topics import WorldTopics
 
 GO_ON = "go_on"
 END = "end"
-"""What `lost_robot` says; else the world waits."""
+"""The value of `lost_robot` that ends the run; else the world waits."""
 
 EVENTS = (
     "replaced_robots",
@@ -50,19 +50,19 @@ EVENTS = (
     "topics_of_two_publishers",
     "services_of_two_servers",
 )
-"""What a world counts of its run's faults, its earlier processes included."""
+"""A world's counters of its run's faults, earlier processes included."""
 
 HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them continue"
 
 PROGRESS_SECONDS = 5.0
-"""Between two lines of how far the run is."""
+"""Between two lines of progress."""
 
 
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
 
-    It opens when it has its name, begins when all nodes are there, and then makes a time step when
-    all robots have acted.
+    The world opens when it has its name, begins when all nodes are there, and then makes a time
+    step when all robots have acted.
 
     Args:
         place: where the node is made, and with what: see `Place`.
@@ -74,7 +74,7 @@ class WorldSimulator(ParameterNode):
         topics: its publishers.
         guard: guards its name, topics and services.
         speed: the speed of the run.
-        returning: takes the team back where that is due; it exists once the world has opened.
+        returning: rolls the team back if needed; it exists once the world has opened.
 
     Raises:
         SparseCoordError: a bad parameter, a taken name, robots that do not come.
@@ -126,7 +126,7 @@ class WorldSimulator(ParameterNode):
 
     @property
     def doing(self) -> str:
-        """The world's activity: one of the states of `wire`."""
+        """The world's activity: a `wire.RunState`."""
         if self.done:
             return wire.RunState.FINISHED
         if self._stopped:
@@ -135,7 +135,7 @@ class WorldSimulator(ParameterNode):
         resumed = self.values["resume"]
         calling = self._output is not None and self.returning.calling
         if calling or (resumed and not started and not self._paused):
-            # where the team is will be known when all have answered
+            # the team's place is known when all have answered
             return wire.RunState.RESUMING
         if self._halted:
             return wire.RunState.HALTED
@@ -147,7 +147,7 @@ class WorldSimulator(ParameterNode):
 
     @property
     def _halted(self) -> bool:
-        """True if all bodies are to stand."""
+        """True if all bodies have the order to halt."""
         return self.bodies is not None and self.bodies.halted
 
     def _say(self) -> None:
@@ -156,7 +156,7 @@ class WorldSimulator(ParameterNode):
             self._output.count(self.returning.events)
 
     def _show(self) -> None:
-        """Show where the robots are; a resumed team that is yet to go back is elsewhere."""
+        """Publish the robots' places; not of a resumed team that has not gone back yet."""
         if not self.lockstep.held and (self.speed.begun or not self.values["resume"]):
             self.topics.show(always=self.lockstep.finished)
 
@@ -174,7 +174,7 @@ class WorldSimulator(ParameterNode):
         return True, self.doing
 
     def _on_halt(self, hold: bool) -> tuple[bool, str]:
-        """Let all bodies stand, or go on; asked again, say which drivers have confirmed it."""
+        """Order all bodies to halt, or to continue; a repeated request asks for confirmations."""
         assert self.bodies is not None
         if hold != self._halted:
             self._halt(hold)
@@ -187,7 +187,7 @@ class WorldSimulator(ParameterNode):
         return True, self.doing
 
     def _halt_as_a_driver(self, robot: str) -> None:
-        """Halt all, as one driver says that it is halted."""
+        """Halt all bodies, as one driver has halted."""
         self.get_logger().warning(f"the driver of {robot} is halted: all robots are")
         self._halt(True)
 
@@ -206,7 +206,7 @@ class WorldSimulator(ParameterNode):
         return True, f"episode {self.lockstep.world.episode} begins"
 
     def _on_step(self) -> tuple[bool, str]:
-        """Hold, and make one time step where every robot has acted."""
+        """Pause, and make one time step if every robot has acted."""
         if self._halted:
             return False, HALTED
         self._paused = True
@@ -259,7 +259,7 @@ class WorldSimulator(ParameterNode):
         self._say()
 
     def _missing(self) -> list[str]:
-        """Return the nodes that the team lacks: robots, drivers as commands, the recorder."""
+        """Return the missing nodes of the team: robots, drivers as commands, the recorder."""
         return self.topics.missing() + (
             [] if self.bodies is None else self.bodies.missing()
         )
@@ -291,7 +291,7 @@ class WorldSimulator(ParameterNode):
             self.lockstep.start()
 
     def _on_return(self) -> None:
-        """The team goes back, or goes on there."""
+        """The team goes back, or continues there."""
         if self.lockstep.held:
             self.topics.start_anew()
         self._silence.begin(time.monotonic())
@@ -314,7 +314,7 @@ class WorldSimulator(ParameterNode):
             self._wait_for_the_lost(now)
 
     def _wait_for_the_lost(self, now: float) -> None:
-        """Log which robots the world waits for; continue or end by the parameters."""
+        """Log the awaited robots; continue or end by the parameters."""
         side = self.lockstep
         silent = self._silence.lasts(now)
         stands = self._silence.stands(now)
@@ -352,15 +352,15 @@ class WorldSimulator(ParameterNode):
             self._rate_timer = self.create_timer(seconds, self.beat)
 
     def beat(self) -> None:
-        """It is time for the next step, by the `rate`; it is made as soon as all is there.
+        """The next step is due, by the `rate`; it is made as soon as all actions are there.
 
-        Bodies are sent before. A step that they are late for does not wait for another beat.
+        Bodies get their goals before. A step with late bodies does not wait for another beat.
         """
         self._beat = True
         self._advance_where_due()
 
     def _advance_where_due(self) -> None:
-        """Make the step where all is there; with bodies when they are, too, else they are sent."""
+        """Make the step if all actions are there; bodies first get goals, and must arrive."""
         rated = self.values["rate"] > 0
         waits = self._halted or (self._paused and not self._single)
         if waits or self._stopped or not self.lockstep.complete:
@@ -382,13 +382,13 @@ class WorldSimulator(ParameterNode):
     # Saving and reports.
 
     def _save(self, step: int) -> None:
-        """Save where the world is; the robots save under the same time step."""
+        """Save the world's state; the robots save under the same time step."""
         state = self.lockstep.snapshot(step)
         if self._output is not None and state is not None:
             self._output.checkpoint(state)
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say good-bye, write summary and history, and let the last messages arrive."""
+        """Publish the last status, write summary and history, and wait for the readers."""
         self._stopped = True
         if self._output is None:
             return
@@ -418,7 +418,7 @@ class WorldSimulator(ParameterNode):
         }
 
     def summary(self) -> dict[str, Any]:
-        """Return what happened, as plain data."""
+        """Return the run's summary as plain data."""
         return {
             **self._counts(),
             "episodes": self.lockstep.world.episode + 1,

@@ -6,14 +6,14 @@ from sparse_coord_ros.core.game.game import Game
 
 
 class WorldSpeed:
-    """Counts transitions over time. Times are seconds of a clock that never goes back.
+    """Counts transitions over time. Times are in seconds of a monotonic clock.
 
     Args:
         world: the game.
-        now: the time.
+        now: the current time.
 
     Attributes:
-        reported: when `report` was called last.
+        reported: the time of the last call of `report`.
     """
 
     def __init__(self, world: Game, now: float) -> None:

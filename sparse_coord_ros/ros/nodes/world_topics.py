@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The world's topics: its publishers, its subscriptions, and their peers in the graph."""
+"""The world's topics: its publishers, its subscriptions, and their counterparts in the graph."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -32,10 +32,10 @@ class WorldTopics:
         save: the port's `checkpoint`.
 
     Attributes:
-        convert: between time steps and cells and messages.
-        silence: of the robots, since the time step began.
+        convert: converts between time steps and cells, and messages.
+        silence: the robots' silence since the time step began.
         report: publishes diagnostics.
-        clock: the publisher of the clock; states, rewards: those of each robot.
+        clock: the publisher of the clock; states, rewards: the publishers for each robot.
         actions: the subscription to each robot's actions.
     """
 
@@ -97,14 +97,14 @@ class WorldTopics:
         self.rewards[robot].publish(self.convert.pack_reward(step, reward))
 
     def episode(self, step: int) -> None:
-        """Publish map and markers as they are when an episode begins."""
+        """Publish map and markers at an episode's beginning."""
         self._map_publisher.publish(self.convert.pack_map(step))
         self.show(scene=False)
 
     # Subscribers of the world, and publishers to it.
 
     def missing(self) -> list[str]:
-        """Return the robots, and the recorder if one is expected, that do not subscribe yet.
+        """Return the robots, and the recorder if it is expected, that have not subscribed yet.
 
         A robot that lacks only one endpoint is returned with that endpoint.
         """
@@ -116,7 +116,7 @@ class WorldTopics:
             lacks = [f"a subscription to {topic}" for topic in ends]
             if action.get_publisher_count() == 0:
                 lacks.append(f"a publisher of {action.topic_name}")
-            if lacks:  # more than one: it is not there, or has not begun itself
+            if lacks:  # more than one: it has not started, or not begun the run
                 missing.append(
                     f"{name} (it lacks {lacks[0]})" if len(lacks) == 1 else name
                 )
@@ -131,7 +131,7 @@ class WorldTopics:
 
     @property
     def own(self) -> list[str]:
-        """The full names of topics with one publisher: the world, or one robot."""
+        """The full names of topics that must have one publisher: the world, or one robot."""
         said = (
             self._run_publisher,
             self._status_publisher,
@@ -146,7 +146,7 @@ class WorldTopics:
     # Other messages.
 
     def start_anew(self) -> None:
-        """Publish the clock with the next state, even where the run stands at its step already."""
+        """Publish the clock with the next state, even if the clock already has this time."""
         self._clock_step = -1
 
     def open(self, *, resumed: bool) -> None:
@@ -164,7 +164,7 @@ class WorldTopics:
         self._status_publisher.publish(status(self._run.scenario.name, state, values))
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:
-        """Publish where the robots are; the scene not too often, but for `always`."""
+        """Publish the robots' places; the scene is limited in rate unless `always`."""
         step = self._game.step
         cells = self._game.cells
         stamp = self._ros_time()
@@ -173,10 +173,10 @@ class WorldTopics:
             self._scene.publish(step, cells, stamp, always=always)
 
     def _ros_time(self) -> tuple[int, int]:
-        """Return the ROS time of those who look on, as (sec, nanosec).
+        """Return the ROS time of the viewers, as (sec, nanosec).
 
-        Where the world owns the clock of its namespace, that is the run's time. Else another
-        clock is theirs, the system's or a simulator's, and time steps would be long gone by it.
+        If the world owns the clock of its namespace, this is the run's time. Else the viewers use
+        another clock, the system's or a simulator's, and the run's times would be long past by it.
         """
         if self._run.clock == OWN_CLOCK:
             return self.convert.stamp(self._game.step)

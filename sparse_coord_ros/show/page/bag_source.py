@@ -19,7 +19,7 @@ from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.log.runlog.relearned import Asked, Reason, Relearned
+from sparse_coord_ros.log.runlog.relearned import AskedQuestion, Reason, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.narrator import Narrator
@@ -132,7 +132,7 @@ class BagSource(controls.Played):
         self._relearned = Relearned(self.log)
         scenario = self.run.scenario
         self._counts = Counts(len(scenario.robots), len(scenario.map.cells))
-        self._questions: list[tuple[int, Asked]] = []
+        self._questions: list[tuple[int, AskedQuestion]] = []
         self.history = blank_history(0, len(scenario.robots))
         self._reasons: dict[tuple[int, int], Reason | None] = {}
         self._reasons_known = 0
@@ -414,7 +414,7 @@ class BagSource(controls.Played):
             return
         known = {k for k, at in enumerate(self.log.table_steps()) if at}
         told: list[Message] = []
-        questions: list[tuple[int, Asked]] = []
+        questions: list[tuple[int, AskedQuestion]] = []
         for place in asking.tolist():
             seen = logged_step(log, place)
             before = None

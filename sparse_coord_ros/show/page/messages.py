@@ -28,7 +28,7 @@ from sparse_coord_ros.core.solve.shipped import yardsticks
 from sparse_coord_ros.core.solve.verdict import last_word
 from sparse_coord_ros.lab.maps.image import under
 from sparse_coord_ros.log.runlog import explain
-from sparse_coord_ros.log.runlog.relearned import Asked
+from sparse_coord_ros.log.runlog.relearned import AskedQuestion
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
 from sparse_coord_ros.show.narrator import Narrator
@@ -310,7 +310,7 @@ def put_end(
     return steps
 
 
-def asked_of(seen: TeamTransition, question: Question) -> Asked | None:
+def asked_of(seen: TeamTransition, question: Question) -> AskedQuestion | None:
     """Return the question as `explain` takes it; None if the asker's cell is not known."""
     cell = seen.cells[question.asker]
     if cell is None:
@@ -319,7 +319,7 @@ def asked_of(seen: TeamTransition, question: Question) -> Asked | None:
     whole = (
         question.end == PerceptEnd.ANSWERED and len(cells) == len(question.peers) > 0
     )
-    return Asked(question.asker, cell, cells if whole else None)
+    return AskedQuestion(question.asker, cell, cells if whole else None)
 
 
 def in_words(
@@ -346,7 +346,7 @@ def in_words(
         k, peers, end, move = question
         cell = seen.cells[k]
         after = None if seen.after is None else seen.after[k]
-        whom = ", ".join(narrator.names[peer] for peer in peers) or "no robot"
+        whom = ", ".join(narrator.names[peer] for peer in peers) or "no peer"
         asked = asked_of(seen, question)
         told = end.words
         perceived = None if asked is None else asked.perceived

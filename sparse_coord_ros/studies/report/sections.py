@@ -19,7 +19,7 @@ import pandas as pd
 
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
-from sparse_coord_ros.core.solve.advice import LEAST_WORTH
+from sparse_coord_ros.core.solve.advice import LEAST_RELATIVE_GAIN
 from sparse_coord_ros.core.solve.verdict import RARE
 from sparse_coord_ros.studies.catalogue import (
     CLOSED,
@@ -815,7 +815,7 @@ def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
 
 def _asks_only_where_needed(averages: pd.DataFrame) -> Claim:
     """Return whether robots hardly ask where a question costs more than all could lose."""
-    cheap = averages["interval"] < EDGES.index(LEAST_WORTH)
+    cheap = averages["interval"] < EDGES.index(LEAST_RELATIVE_GAIN)
     asked = {}
     for line in (FACTORED, COOP, CQ):
         own = averages[cheap & (averages["line"] == line)]

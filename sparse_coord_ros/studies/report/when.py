@@ -17,7 +17,7 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.advice import (
     in_questions,
     is_avoidable,
-    worth_of,
+    relative_gain,
 )
 from sparse_coord_ros.core.solve.asking_search import tables_of_policies
 from sparse_coord_ros.core.solve.exact import evaluate_exact
@@ -182,7 +182,7 @@ def _place(result: ConditionResult) -> Row:
         "cost": scenario.ask_cost,
         "ratio": in_questions(loss, scenario),
         "undiscounted": in_questions(meetings * mean_penalty, scenario),
-        "worth": worth_of(gap, scenario),
+        "worth": relative_gain(gap, scenario),
         "avoidable": avoidable,
         "gap": in_questions(gap, scenario),
     }

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
-from sparse_coord_ros.core.solve.advice import LEAST_WORTH
+from sparse_coord_ros.core.solve.advice import LEAST_RELATIVE_GAIN
 from sparse_coord_ros.studies.report.charts import (
     BEST_ASKING,
     COOP,
@@ -66,8 +66,8 @@ KIND_LINES: Mapping[str, Style] = {
 """The lines of the third figure."""
 
 REGIONS = (
-    (0.0, LEAST_WORTH, "no need to", "#FFFFFF"),
-    (LEAST_WORTH, ALWAYS_PAYS, "ask where it matters", "#F2F2F2"),
+    (0.0, LEAST_RELATIVE_GAIN, "no need to", "#FFFFFF"),
+    (LEAST_RELATIVE_GAIN, ALWAYS_PAYS, "ask where it matters", "#F2F2F2"),
     (ALWAYS_PAYS, np.inf, "always ask", "#DDDDDD"),
 )
 """Ratios, name and colour of each region."""

@@ -77,7 +77,7 @@ export function showKeys() {
 // What a run is about, without its learner.
 export function about(run) {
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  return `${team}, penalty ${run.penalty}, percepts: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
+  return `${team}, penalty ${run.penalty}, perception: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
 }
 
 // Dark where the page is light, and the other way round.
