@@ -88,9 +88,9 @@ def returned(good, tmp_path):
 
 def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, capsys):
     [unknown] = returned(ALONE, other="robot_2").unknown
-    assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 came back")
+    assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 returned")
     assert main(["verify", str(tmp_path / "bag")]) == 3
-    told = f"undecided from step {AT} on: robot_2 came back "
+    told = f"undecided from step {AT} on: robot_2 returned "
     assert told in capsys.readouterr().out
 
 
@@ -114,7 +114,7 @@ def test_what_follows_from_a_world_that_came_back_alone_is_open(returned, good):
     gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
     found = returned(other="robot_2", call=True, without=gone)
     [unknown] = found.unknown
-    assert unknown[:2] == (0, None) and unknown.why.startswith("the world came back")
+    assert unknown[:2] == (0, None) and unknown.why.startswith("the world returned")
 
 
 def test_what_differs_before_a_robot_came_back_differs(returned, good):
