@@ -103,7 +103,7 @@ def test_command_line_without_ros(bare, tmp_path):
         "121.89",
         "env1, coop, seed 0",
         "differs: ",
-        "no COORDINATE",
+        "no question",
         "is not there (no rclpy)",
     ):
         assert words in out

@@ -11,7 +11,8 @@ from sparse_coord_ros.base.errors import MapError, SettingError, in_short
 from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, write
 from sparse_coord_ros.cli.options import JSON, PAGE, Option, changes, tell
 from sparse_coord_ros.core.game.grid import FURTHEST
-from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.lab.maps.gridding import SPECK
 from sparse_coord_ros.lab.maps.image import read_floor_plan
 from sparse_coord_ros.lab.maps.meeting import prospect_of
@@ -104,6 +105,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.page:
         from sparse_coord_ros.cli.import_page import serve
 
+        SETTINGS.parse(parse_assignments(options.assignments))
         serve(options)
         return
     plan = read_floor_plan(options.map)

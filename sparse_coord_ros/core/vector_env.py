@@ -210,7 +210,11 @@ class VectorGame(VectorEnv):
 
     def _checked_mask(self, options: Mapping[str, Any] | None) -> np.ndarray:
         """Return which games are to begin."""
-        if not options or "reset_mask" not in options:
+        if options is None:
+            return self._everywhere
+        fits = isinstance(options, Mapping)
+        check_argument("options", options, fits, "a dictionary")
+        if "reset_mask" not in options:
             return self._everywhere
         given = options["reset_mask"]
         mask = np.asarray(given)

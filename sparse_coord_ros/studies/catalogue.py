@@ -33,7 +33,7 @@ CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
 """Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
 
 REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
-"""Share of the gap from Non-coop. to the best asking team found that Factored is to close."""
+"""Share of the gain over Non-coop. of the best asking team found that Factored is to close."""
 
 FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
 """From a penalty of 0 to -100 Factored may lose as many times what the best asking team does.

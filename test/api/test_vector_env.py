@@ -461,6 +461,15 @@ def test_a_mask_of_reset_begins_some_games_and_leaves_others():
 # Arguments, masks, libraries.
 
 
+def test_options_of_a_reset_are_a_dictionary():
+    env = sc.vector_env("env1", 2, seed=1)
+    with pytest.raises(
+        SettingError, match="options: value is 5, allowed: a dictionary"
+    ):
+        env.reset(options=5)
+    env.reset(options={})
+
+
 def test_bad_actions_change_nothing():
     env = sc.vector_env("env1", 2, seed=1)
     seen, _ = env.reset()

@@ -138,3 +138,10 @@ def test_a_scenario_is_recognised(sparse_coord, folder, options):
         in err
     )
     assert list(folder.iterdir()) == []
+
+
+def test_a_bad_setting_is_refused_before_the_page_is_served(sparse_coord, exported):
+    command = ("import-map", exported, "--page", "--set", "interactions=foo")
+    code, out, err = sparse_coord(*command)
+    assert (code, out) == (2, "")
+    assert "unknown value 'foo'" in err and err.count("\n") == 1

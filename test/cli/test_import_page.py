@@ -334,6 +334,14 @@ def test_a_picture_without_a_yaml_file_is_scaled(exported, sparse_coord, folder)
             made.control(Control(IMPORT, CHOSEN | {"scale": odd}))
 
 
+@pytest.mark.parametrize("more", [[], ["--page"]])
+def test_a_picture_that_is_missing_is_said_to_be(sparse_coord, more):
+    """The user named the picture, not a YAML file's field."""
+    code, _, said = sparse_coord("import-map", "gone.png", *more)
+    assert code == 2
+    assert said == "error: gone.png: no such image; give an image that exists\n"
+
+
 def test_a_picture_s_files_are_not_written_over(exported, folder):
     """Its scenario would have the name of its YAML file."""
     (folder / "e" / "env1.yaml").unlink()

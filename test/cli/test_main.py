@@ -27,6 +27,13 @@ def test_help_names_every_verb(sparse_coord):
     assert [verb for verb in VERBS if verb not in out] == []
 
 
+def test_help_shows_a_default_as_one_types_it(sparse_coord):
+    """A list has spaces, not Python's brackets."""
+    out = sparse_coord("benchmark", "--help")[1]
+    shown = " ".join(out.split()).replace("- ", "-")
+    assert "(default: tuning-pairs tuning-four tuning-eight)" in shown
+
+
 def test_a_folder_of_runs_is_no_run_and_its_runs_are_listed(sparse_coord):
     for name in "ab":
         arguments = ("train", "env1", "--steps", "9", "--out", f"runs/{name}")

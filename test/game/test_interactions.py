@@ -195,6 +195,12 @@ def test_kinds_are_kept_in_one_order():
     assert scenario.interactions == "together+block"
 
 
+def test_spaces_around_the_plus_do_not_matter():
+    data = {**parse_yaml(CORRIDOR, where=""), "interactions": "swap + block"}
+    scenario = scenario_from_dict(data, where="", name="corridor")
+    assert scenario.interactions == "swap+block"
+
+
 @pytest.mark.parametrize("kinds", ["together+swap+block", "swap+block:anywhere"])
 def test_two_robots_end_as_a_team_of_two(kinds):
     scenario = drawn("1.D.2\n..#..", interactions=kinds)

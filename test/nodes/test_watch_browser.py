@@ -390,8 +390,8 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     )
     wait_for(tab, f"{titles}.length === 2")
     shown = tab.evaluate(titles)
-    assert "A: the paper's learner" in shown[0] and "penalty=-100" in shown[0]
-    assert shown[1].startswith("B: ")
+    assert shown[0].startswith("Athe paper's learner") and "penalty=-100" in shown[0]
+    assert shown[1].startswith("B")
     state = "document.getElementById('state').textContent"
     tab.evaluate("document.getElementById('pause').click()")
     wait_for(tab, f"{state} === 'paused'")

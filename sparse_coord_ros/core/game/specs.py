@@ -185,11 +185,12 @@ class KindFamily(SpecFamily):
                 out of range.
         """
         named = {}
-        for text in str(value).split("+"):
+        texts = [text.strip() for text in str(value).split("+")]
+        for text in texts:
             form = self._form(text)
             numbers = text.split(":")[1:] if form.numbers else []
             named[text] = form.kind, str(self.numbered(form, numbers))
-        bare = [text.split(":")[0] for text in str(value).split("+")]
+        bare = [text.split(":")[0] for text in texts]
         for kind in bare:
             if bare.count(kind) > 1:
                 raise SettingError(

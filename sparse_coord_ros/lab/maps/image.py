@@ -106,6 +106,7 @@ def read_floor_plan(path: Path) -> FloorPlan:
         MapError: a file is missing or broken, or a field is missing or bad.
     """
     if is_picture(path):
+        _check_exists(path)
         raise MapError(_yaml_wanted(path))
     text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
     said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
@@ -125,6 +126,12 @@ def read_floor_plan(path: Path) -> FloorPlan:
 def is_picture(path: Path) -> bool:
     """Return whether a file is an image, by its name."""
     return path.suffix.lower() in IMAGES
+
+
+def _check_exists(image: Path) -> None:
+    """Raise MapError if there is no image that the user has named."""
+    if not image.exists():
+        raise MapError(f"{image}: no such image; give an image that exists")
 
 
 def _yaml_wanted(image: Path) -> str:
@@ -155,8 +162,9 @@ def read_picture(
         The floor plan; its path is that of the YAML file that `write_header` writes.
 
     Raises:
-        MapError: the image has a YAML file already, or cannot be read.
+        MapError: the image is missing, has a YAML file already, or cannot be read.
     """
+    _check_exists(image)
     path = image.with_suffix(".yaml")
     if path.exists():
         raise MapError(_yaml_wanted(image))

@@ -8,6 +8,7 @@ team's process it reads world and robots directly: receiving every message would
 
 import contextlib
 import functools
+import math
 import time
 from collections import defaultdict
 from collections.abc import Sequence, Set
@@ -62,6 +63,11 @@ if TYPE_CHECKING:
 
 PAGE_SECONDS = 1 / 20
 """Between two updates of the page."""
+
+FAST_RATE = 1 / PAGE_SECONDS
+FAST_SECONDS = 0.1
+"""Making a frame in a team's own process takes the team's time. A team that is to be faster than
+so many time steps a second is shown once in so many seconds; a slower one at each time step."""
 
 GONE_SECONDS = 4.0
 """After so long without a status the world counts as gone; it publishes one every second."""
@@ -187,6 +193,7 @@ class InsideWatch(ParameterNode):
         self._controls.view = self._view
         world.lockstep.watcher = self._on_transition
         board.source = self._controls
+        self._shown = -math.inf
         self.create_timer(PAGE_SECONDS, self._tick)
 
     def _on_transition(self, seen: TeamTransition) -> None:
@@ -211,10 +218,21 @@ class InsideWatch(ParameterNode):
 
     def _tick(self) -> None:
         self._controls.call()
-        self._show(self._world.doing)
+        if self._frame_due():
+            self._show(self._world.doing)
         if self._view.slow_due():
             self._show_learned()
         self.done = self._world.done
+
+    def _frame_due(self) -> bool:
+        """Return whether it is time for a frame; if so, the next one is counted from now."""
+        now = time.monotonic()
+        rate = self._world.values["rate"]
+        is_fast = not 0 < rate <= FAST_RATE
+        if is_fast and now - self._shown < FAST_SECONDS:
+            return False
+        self._shown = now
+        return True
 
     def _show(self, state: str) -> None:
         world = self._world.lockstep.world

@@ -471,12 +471,12 @@ def penalty100(results: Results) -> Section:
             )
     claims = [
         _gap_claim(
-            "Given time, Coop. closes this share of the gap from Non-coop. to the optimum",
+            "Given time, Coop. closes this share of the gain over Non-coop. (joint optimum)",
             coop_closed,
             CLOSED,
         ),
         _gap_claim(
-            "Factored closes this share of the gap from Non-coop. to the best asking team found",
+            "Factored closes this share of the gain over Non-coop. (best asking team found)",
             factored_closed,
             REACHED,
         ),

@@ -4,9 +4,17 @@
 import { html, svg, ticks } from "/draw.js";
 
 const WIDTH = 400, HEIGHT = 205, LEFT = 46, RIGHT = 26, TOP = 10, BOTTOM = 38;
+const LABEL = 11; // the height of a label
 
 const known = (values) => values.filter((v) => v !== null);
 const short = (n) => n.toLocaleString("en", { notation: "compact", maximumSignificantDigits: 3 });
+
+// Labels at the ends of lines, moved up so that none covers another one.
+function apart(ends) {
+  const found = ends.toSorted((a, b) => b.at[1] - a.at[1]);
+  for (let i = 1; i < found.length; i++) found[i].at[1] = Math.min(found[i].at[1], found[i - 1].at[1] - LABEL);
+  return found;
+}
 
 export class Chart {
   // The title says what is drawn, and in which unit; the range holds values that the axis shows at least.
@@ -43,13 +51,15 @@ export class Chart {
       path(`M${this.x(tick)},${HEIGHT - BOTTOM}v4`);
       text([this.x(tick), HEIGHT - BOTTOM + 15], short(tick), { "text-anchor": "middle" });
     }
+    const ends = [];
     for (const { steps, values, look, label } of lines) {
       const points = values.map((value, i) => value !== null && `${this.x(steps[i]).toFixed(1)},${this.y(value).toFixed(1)}`);
       const d = points.map((at, i) => at && (points[i - 1] ? "L" : "M") + at).filter(Boolean).join("");
       path(d, { class: "curve", ...look });
       const last = points.findLast(Boolean);
-      if (last && label) text(last.split(","), label, { class: "end", dx: 5, fill: look.stroke ?? "currentcolor" });
+      if (last && label) ends.push({ at: last.split(",").map(Number), label, fill: look.stroke ?? "currentcolor" });
     }
+    for (const { at, label, fill } of apart(ends)) text(at, label, { class: "end", dx: 5, fill });
     this.value.textContent = this.ends();
   }
 

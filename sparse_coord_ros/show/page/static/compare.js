@@ -32,7 +32,8 @@ class Column {
     const zoom = html("div", { className: "zoom" });
     const head = html("div", { className: "head" }, html("h2", {}, html("span", { className: "letter" }, letter(k)), title), zoom);
     head.style.setProperty("--run", LOOKS[k % LOOKS.length][0]);
-    $("columns").append(html("section", { className: "column" }, head, this.learned, this.value, html("div", { className: "map-holder" }, this.element), this.now));
+    this.body = html("div", { className: "body" }, this.learned, this.value, html("div", { className: "map-holder" }, this.element), this.now);
+    $("columns").append(html("section", { className: "column" }, head, this.body));
     this.map = new TeamMap(this.element, () => {}, zoom);
     this.lane = new Lane($("lanes"), html("span", {}, html("b", {}, letter(k)), ` ${title}`), `questions and miscoordinations of ${title}`,
       (share) => clock && send("seek", Math.round(clock.last * share)));
@@ -42,7 +43,7 @@ class Column {
   take(message) {
     this.newest[message.type] = message;
     const draw = {
-      run: () => { this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); },
+      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); },
       frame: () => this.show(message),
       tables: () => { this.map.policy(message); differences(); },
       asked: () => this.map.heat(message),
@@ -90,6 +91,11 @@ class Column {
       return [kind, places.map((position) => position / Math.max(1, clock.last))];
     }));
   }
+}
+
+// Whether words fit beside a map: it is hardly wider than high.
+function isUpright({ rows }) {
+  return Math.max(...rows.map((row) => row.length)) <= 1.2 * rows.length;
 }
 
 // The cells in which a robot that can come there would do something else.
