@@ -335,8 +335,8 @@ def test_coop_against_the_baselines_and_who_arrives():
     )
     assert exact.cases == 9
     assert arrived.text.endswith("of the trials of Tables 1 and 3")
-    assert arrived.measured.startswith("in 99.67 %; in 1 of 36 teams")
-    assert arrived.measured.endswith("such teams in other experiments: crowd 3 of 4")
+    assert arrived.measured.startswith("in 99.67 %; teams in which a robot fails")
+    assert arrived.measured.endswith(": 1 of 36; in other experiments: crowd 3 of 4")
     assert not arrived.holds
 
 
