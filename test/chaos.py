@@ -14,7 +14,7 @@ Summary, history, diagnostics and log are to count alike (`live_teams.odd_counts
 In some runs other things happen: the output directory is deleted; a stranger speaks on every
 topic, or serves a robot's `active_perception` too, with lies (`strangers`); or the world goes on
 where it is (`returning:=continue`) while two are killed in a row: the tables are then those of no
-run, and `verify` may find that it cannot tell.
+run, and `verify` may find it undecided.
 """
 
 import argparse
@@ -287,7 +287,7 @@ def judge(plan: Plan, out: Path) -> list[str]:
         wrong += [f"verify: {one}" for one in found.differences[:2]]
     # Fast DDS may leave a process deaf that stood still for more than a second.
     if not struck & {KILL, STOP} and not alone:
-        wrong += [f"verify cannot tell {one}" for one in found.unknown[:1]]
+        wrong += [f"verify: undecided {one}" for one in found.unknown[:1]]
     whole = not struck & {KILL, STOP, VISIT} and not found.differences
     return wrong + odd_counts(out, found if whole else None)
 

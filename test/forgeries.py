@@ -46,18 +46,18 @@ from sparse_coord_ros.log.runlog.verify import FOREIGN, LOST_COPIES, REPEATS
 class Outcome(StrEnum):
     """What `verify` says of a bag.
 
-    Identical; identical, but it names foreign messages or lost copies; it cannot tell; it differs;
+    Identical; identical, but it names foreign messages or lost copies; undecided; it differs;
     it refuses the bag.
     """
 
     IDENTICAL = "identical"
     NOTED = "identical with a note"
-    CANNOT_TELL = "cannot tell"
+    UNDECIDED = "undecided"
     DIFFERS = "differs"
     REFUSED = "refused"
 
 
-FOUND = frozenset({Outcome.DIFFERS, Outcome.CANNOT_TELL, Outcome.REFUSED})
+FOUND = frozenset({Outcome.DIFFERS, Outcome.UNDECIDED, Outcome.REFUSED})
 """Of a claim that was changed."""
 
 NAMED = FOUND | {Outcome.NOTED}
@@ -91,8 +91,8 @@ def outcome(directory: Path) -> Outcome:
         found = sc.verify(directory)
     except SparseCoordError:
         return Outcome.REFUSED
-    if found.cannot_tell:
-        return Outcome.CANNOT_TELL
+    if found.undecided:
+        return Outcome.UNDECIDED
     if not found.same:
         return Outcome.DIFFERS
     noted = any(name.startswith(NAMED_IN_NOTES) for name in found.notes)
@@ -528,7 +528,7 @@ def _is_entry(case: Case) -> bool:
 # Honest logs.
 
 NOT_FALSE = ANY - {Outcome.DIFFERS, Outcome.REFUSED}
-"""Of an honest log: identical, or it cannot tell."""
+"""Of an honest log: identical, or undecided."""
 
 EVERY_STEP = r"/clock|/robot_\d/(local_state|reward|action|percept)|\S+_service_event"
 

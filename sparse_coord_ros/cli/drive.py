@@ -56,11 +56,8 @@ OPTIONS = (
     EPISODES,
     SEED,
     changes(
-        "change a setting of the simulated robots; may be repeated: "
-        + "; ".join(
-            f"{s.name}: {s.help} (default: {s.default})"
-            for s in DRIVE_SETTINGS.values()
-        )
+        f"change a setting of the simulated robots, e.g. speed=0.3 ({', '.join(DRIVE_SETTINGS)}; "
+        "described by 'sparse_coord settings drive'); may be repeated"
     ),
     Option(
         "--out FILE",

@@ -86,7 +86,7 @@ def add_options(
         default = how.get("default")
         if isinstance(default, tuple):
             default = " ".join(default)
-        if default not in (None, []):
+        if default not in (None, [], ""):
             how["help"] += f" (default: {default})"
         action = parser.add_argument(name, **how)
         if offered is not None:  # argcomplete calls its `completer`

@@ -14,8 +14,8 @@ EXIT_LOST = 1
 
 EXAMPLE = (
     "sparse_coord recover runs/demo/bag\n\n"
-    "exit codes: 0 the bag was whole or all of it is restored, 1 a damaged or cut part is\n"
-    "lost, 2 nothing can be read, or the result cannot be written"
+    "exit codes: 0 the bag was whole, or everything is restored; 1 restored, but a part is lost;\n"
+    "2 nothing can be read, or the result cannot be written"
 )
 
 

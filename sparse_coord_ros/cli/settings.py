@@ -26,7 +26,7 @@ wrap = partial(
     textwrap.wrap, width=WIDEST, break_long_words=False, break_on_hyphens=False
 )
 
-GROUPS = ("scenario", "dialogue", "protocol", "run", "drive", "learners")
+GROUPS = ("scenario", "questions", "protocol", "run", "drive", "learners")
 """Groups that exist also without ROS 2."""
 
 EXAMPLE = "sparse_coord settings\n  sparse_coord settings link starts"
@@ -86,9 +86,9 @@ def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
     by_hand = "--set NAME=VALUE; in a scenario file; ROS parameters of the world"
     others = [name for name in SETTINGS if name not in (*DIALOGUE_SETTINGS, *PROTOCOL)]
     for group, about, names in (
-        ("scenario", "What is played", others),
-        ("dialogue", "Questions and answers", DIALOGUE_SETTINGS),
-        ("protocol", "How robots learn", PROTOCOL),
+        ("scenario", "The problem", others),
+        ("questions", "Questions and answers", DIALOGUE_SETTINGS),
+        ("protocol", "Learning", PROTOCOL),
     ):
         yield group, f"{about} ({by_hand})", _entries(SETTINGS[name] for name in names)
     how = "options of run and train; ROS parameters of the world"

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
 
 SHOWN = 10
-CANNOT_TELL = 3
+UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
-    "diagnostics, /rosout, /parameter_events, claims, what else the bag holds; wall-clock stamps; "
+    "diagnostics, /rosout, /parameter_events, claims and other topics; wall-clock stamps; "
     "the order of messages of different writers; how often status, markers and coordination maps "
     "come within an episode; the markers of a run with clock: none; fields that the team does not "
     "use (all: docs/log.md)"
@@ -36,14 +36,14 @@ def execute(options: argparse.Namespace) -> int:
     facts = {name: value for name, value in vars(found).items() if name != "log"}
     facts["bag"] = log.bag.path
     facts["identical"] = found.same
-    facts["cannot_tell"] = found.cannot_tell
+    facts["undecided"] = found.undecided
     facts["rollbacks"] = log.messages.rollbacks
     facts["gaps"] = log.gaps
     facts["losses"] = log.losses
     shown = None if options.all else SHOWN
     tell(options, facts, *_account(found), *_answer(found, shown))
-    if found.cannot_tell:
-        return CANNOT_TELL
+    if found.undecided:
+        return UNDECIDED
     return 0 if found.same else 1
 
 
@@ -94,8 +94,8 @@ def _answer(found, shown: int | None) -> Iterator[str]:
         for message in found.log.messages.foreign[:shown]:
             yield f"foreign: {message}"
     for unknown in found.unknown[:shown]:
-        yield f"cannot tell {unknown}"
+        yield f"undecided {unknown}"
     if shown is not None and shown < len(found.unknown):
         yield f"and {len(found.unknown) - shown} more (--all)"
-    if found.cannot_tell and found.steps:
+    if found.undecided and found.steps:
         yield "all else is identical"

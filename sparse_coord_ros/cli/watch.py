@@ -42,7 +42,7 @@ OPTIONS = (
     Option(
         "--until-closed",
         bool,
-        "of bags: end when the page was closed in the browser",
+        "with bags: end when the page is closed in the browser",
     ),
     *PAGE,
 )

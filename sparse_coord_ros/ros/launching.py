@@ -218,7 +218,7 @@ class LaunchedTeam:
             {"resume": True} if self.get("resume") and Path(out).exists() else {}
         )
         if Path(out).exists() and not self._resume:
-            remedy = "choose another, or go on with that run: resume:=true"
+            remedy = "choose another, or continue that run: resume:=true"
             raise RunError(
                 f"out: {out} exists already, nothing is overwritten; {remedy}"
             )

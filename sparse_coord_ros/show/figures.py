@@ -577,7 +577,7 @@ def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
             )
         below += share
     axes.set(xlabel="time step", ylabel="COORDINATE [% of actions]")
-    axes.set_title(f"{label}: how percepts ended", fontsize=10)
+    axes.set_title(f"{label}: how questions ended", fontsize=10)
     axes.legend(fontsize=7)
 
 

@@ -178,7 +178,7 @@ def faults(shown: OpenedRun) -> Iterator[Part]:
     """Yield the faults of a recorded run: percepts, messages, warnings of nodes."""
     log = shown.log
     facts: dict[str, object] = {
-        f"percepts {how}": at.sum() for how, at in ended(log).items()
+        f"questions {how}": at.sum() for how, at in ended(log).items()
     }
     if log.messages.statuses:
         last = log.messages.statuses[-1]

@@ -14,7 +14,9 @@ def test_every_setting_is_there_once(sparse_coord):
     assert (code, err) == (0, "")
     groups = json.loads(out)
     told = [
-        name for group in ("scenario", "dialogue", "protocol") for name in groups[group]
+        name
+        for group in ("scenario", "questions", "protocol")
+        for name in groups[group]
     ]
     assert sorted(told) == sorted(SETTINGS)
     assert {*DIALOGUE_SETTINGS, *PROTOCOL} <= {*SETTINGS}
@@ -36,11 +38,11 @@ def test_every_setting_is_there_once(sparse_coord):
 
 def test_it_says_what_validates(sparse_coord):
     said = json.loads(sparse_coord("settings", "discount", "link", "--json")[1])
-    assert list(said) == ["scenario", "dialogue"]
+    assert list(said) == ["scenario", "questions"]
     one = said["scenario"]["discount"]
     assert (one["default"], one["low"], one["high"]) == (0.95, 0, 0.999)
     assert one["allowed"] == SETTINGS["discount"].allowed
-    forms = {form["form"]: form for form in said["dialogue"]["link"]["forms"]}
+    forms = {form["form"]: form for form in said["questions"]["link"]["forms"]}
     assert list(forms) == SETTINGS["link"].allowed.split(", ")
     assert forms["lost:P"]["numbers"] == [
         {"name": "p", "low": 0, "high": 1, "repeated": False}

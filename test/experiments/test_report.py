@@ -330,13 +330,13 @@ def test_coop_against_the_baselines_and_who_arrives():
     better, exact, arrived = return_claims("Tables 1 and 3", found, elsewhere)
     assert (better.holds, better.cases) == (1, 9)
     assert better.measured == (
-        "than the better baseline it surely earns more in 1 of 9 (suny +3.00 (0.00)) scenarios, "
+        "it surely earns more than the better baseline in 1 of 9 (suny +3.00 (0.00)) scenarios, "
         "surely less in 2 of 9 (cmu -2.00 (0.00), mit -0.10 (0.00))"
     )
     assert exact.cases == 9
     assert arrived.text.endswith("of the trials of Tables 1 and 3")
-    assert arrived.measured.startswith("in 99.67 %; in 1 of 36 teams")
-    assert arrived.measured.endswith("such teams in other experiments: crowd 3 of 4")
+    assert arrived.measured.startswith("in 99.67 %; teams in which a robot fails")
+    assert arrived.measured.endswith(": 1 of 36; in other experiments: crowd 3 of 4")
     assert not arrived.holds
 
 
@@ -397,7 +397,7 @@ def test_factored_s_fall_is_judged_where_there_is_a_limit_and_a_loss():
     told, left_out = claim.measured.split(". Not judged: ")
     assert told.endswith("found: env1 1.007")
     assert left_out == (
-        "no limit was set: cit 12.81; that team loses nothing, Factored: suny 8.00; "
+        "no limit was set: cit 12.81; that team loses nothing, Factored loses: suny 8.00; "
         "no such team is known: env2-4r"
     )
 

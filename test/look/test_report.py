@@ -70,7 +70,7 @@ def test_its_numbers_are_those_of_the_log(page, bag):
         assert words in page
     log = read_run(bag)
     assert (
-        f"<td>percepts answered</td><td>{int((log.asked & log.perceived).sum())}</td>"
+        f"<td>questions answered</td><td>{int((log.asked & log.perceived).sum())}</td>"
         in page
     )
     k, row = next(

@@ -223,7 +223,7 @@ def test_a_run_with_a_robot_of_ones_own(bench, tmp_path, example, capfd):
         bench.destroy(node)
     bench.spin_until_done(recorder)
     found = verify(tmp_path / "bag")
-    assert found.cannot_tell
+    assert found.undecided
     assert found.steps == 150 and found.choices == found.updates > 0
     [unknown] = found.unknown
     assert unknown.why.startswith("robot_1 publishes no tables")

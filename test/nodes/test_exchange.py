@@ -91,7 +91,7 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(
     )
     found = verify(out / "bag")
     [unknown] = found.unknown
-    assert found.cannot_tell
+    assert found.undecided
     assert unknown.why.startswith("robot_1 kept its own tables instead of a plan")
 
 

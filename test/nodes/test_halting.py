@@ -414,13 +414,13 @@ def test_the_buttons_of_the_page(processes, start):
         said = "document.getElementById('halting-said').textContent"
         wait_for(tab, f"{said} === 'all robots stand'")
         for robot in ROBOTS:
-            processes[f"{robot}_driver"].wait_for(f"the body of {robot} stands")
+            processes[f"{robot}_driver"].wait_for(f"the body of {robot} stops")
         tab.goto(re.search(r"watch it at (http\S+)", page.output)[1])
         wait_for(tab, f"{state} === 'halted' && {seen.format('go-on')}")
         tab.evaluate(press.format("go-on"))
         wait_for(tab, f"{state} === 'learning'")
         for robot in ROBOTS:
-            processes[f"{robot}_driver"].wait_for(f"the body of {robot} may go on")
+            processes[f"{robot}_driver"].wait_for(f"the body of {robot} may continue")
         page.send_signal(signal.SIGINT)
         assert page.exit_code() == 0
         wait_for(tab, f"{state} === 'not connected'")

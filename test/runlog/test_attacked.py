@@ -157,13 +157,13 @@ def test_a_killed_robot_is_an_open_question(record, rewritten, tmp_path, capsys)
     [unknown] = verify(bag).unknown
     assert unknown.why.startswith("robot_2 saved no tables at its end")
     assert main(["verify", str(bag)]) == 3
-    assert f"cannot tell at step {unknown.first}: robot_2" in capsys.readouterr().out
+    assert f"undecided at step {unknown.first}: robot_2" in capsys.readouterr().out
 
 
 def test_a_robot_may_be_killed_after_its_last_action(alter):
     found = alter(attach=without_last_tables("robot_2"))
     [unknown] = found.unknown
-    assert found.cannot_tell and unknown.why.startswith("robot_2 saved no tables")
+    assert found.undecided and unknown.why.startswith("robot_2 saved no tables")
 
 
 @pytest.mark.parametrize("lost", [False, True])
@@ -186,7 +186,7 @@ def test_a_killed_world_is_an_open_question(record, rewritten, tmp_path, lost):
 
     attach = without_last_tables("robot_2") if lost else list
     found = verify(rewritten(stopped.bag, tmp_path / "bag", change, attach))
-    assert found.cannot_tell, found.differences
+    assert found.undecided, found.differences
     [loss] = found.log.losses
     assert loss.endswith("the world does not show how the run ended")
     assert len(found.unknown) == 1 and found.steps > 200

@@ -61,7 +61,7 @@ RUNS = {
 """Recorded runs: scenario, settings, values of the run, and its events."""
 
 HONEST = {name: {Outcome.IDENTICAL} for name in RUNS} | {
-    "unfinished": {Outcome.CANNOT_TELL},
+    "unfinished": {Outcome.UNDECIDED},
     "live": {
         Outcome.IDENTICAL,
         Outcome.NOTED,

@@ -384,7 +384,7 @@ def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
         cut.parent.mkdir()
         cut.write_bytes(data[: draw.randrange(len(data) // 20, len(data))])
         found = verify(recover(cut).path)
-        assert found.cannot_tell, found.differences
+        assert found.undecided, found.differences
         assert found.unknown[-1].last is None
         parts.add(found.steps)
     assert len(parts) > 1

@@ -98,7 +98,7 @@ def check(run, path, block):
     found = verify(path)
     period = run.run.step_period * 1e9
     assert found.differences == (), found.first
-    assert found.cannot_tell
+    assert found.undecided
     inside = [m for m in open_bag(run.bag).messages() if block.start_ns < m.log_time_ns]
     inside = [m for m in inside if m.log_time_ns < block.end_ns]
     kept = whole.log.bag.message_count - found.log.bag.message_count
@@ -142,9 +142,9 @@ def outcome(path):
     found = verify(path)
     bag = found.log.bag
     holes = [last is not None for _, last in lost_parts(found)]
-    verdict = "cannot tell some steps" if any(holes) else "cannot tell from a step on"
+    verdict = "undecided at some steps" if any(holes) else "undecided from a step on"
     if not holes:
-        verdict = "identical" if found.same else "cannot tell the run's data"
+        verdict = "identical" if found.same else "undecided about the run's data"
     assert not found.differences, found.first
     gaps = [(gap.begin, gap.end) for gap in bag.gaps]
     return bag.message_count, gaps, len(bag.attachments), verdict
@@ -251,19 +251,19 @@ def test_what_is_said(chunked, flipped, capsys):
         in out
     )
     [(first, last)] = lost_parts(verify(path))
-    assert f"cannot tell from step {first} to step {last}: " in out
+    assert f"undecided from step {first} to step {last}: " in out
     assert "differs" not in out and out.endswith("all else is identical\n")
     path, block = flipped(chunked.bag, -1)
     assert main(["verify", str(path)]) == 3
     out = capsys.readouterr().out
-    assert re.search(r"cannot tell from step \d+ on: ", out)
+    assert re.search(r"undecided from step \d+ on: ", out)
 
 
 def test_a_recovered_bag_has_the_same_gap(chunked, flipped):
     path, _ = flipped(chunked.bag, 5)
     before = verify(path)
     found = verify(recover(path).path)
-    assert found.differences == () and found.cannot_tell
+    assert found.differences == () and found.undecided
     assert found.log.gaps[0] == before.log.gaps[0]
     assert lost_parts(found)[0] == lost_parts(before)[0]
 
@@ -401,7 +401,7 @@ def test_a_lost_attachment_costs_no_time_step(chunked, tmp_path):
     path.write_bytes(data)
     found = verify(path)
     whole = verify(chunked.bag)
-    assert found.differences == () and found.cannot_tell
+    assert found.differences == () and found.undecided
     assert not lost_parts(found) and found.log.gaps == []
     [unknown] = found.unknown
     assert unknown.first == unknown.last and "tables of robot_1" in unknown.why
@@ -480,7 +480,7 @@ def verified_without(good, folder, *done):
 def test_what_a_recorder_missed_while_it_stood_still(good, tmp_path):
     found = verified_without(good, tmp_path, lost_states(100, "named"))
     [unknown] = found.unknown
-    assert found.cannot_tell and unknown.last is None
+    assert found.undecided and unknown.last is None
     assert 100 <= unknown.first <= 104 and "stood still for 9.0 s" in unknown.why
 
 

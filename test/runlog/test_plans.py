@@ -56,7 +56,7 @@ def test_that_a_robot_kept_its_tables_nobody_can_tell(planned, asked, tmp_path_f
     honest = bag_of(tmp_path_factory.mktemp("kept"), alone=(0,))
     found = asked(honest)
     [unknown] = found.unknown
-    assert found.cannot_tell and "robot_1 kept its own tables" in unknown.why
+    assert found.undecided and "robot_1 kept its own tables" in unknown.why
 
 
 @pytest.mark.parametrize("how", ["", "without counts"])
@@ -64,7 +64,7 @@ def test_tables_in_the_place_of_a_plan(planned, asked, how):
     """The robot's own may be there, as above, if all of them are."""
     found = asked(planned, Forgery("plan", (last_tables(planned), PLAN), how))
     assert not found.same
-    assert found.cannot_tell == (how == "")
+    assert found.undecided == (how == "")
 
 
 def test_a_forged_plan_beside_the_right_one(planned, asked):
@@ -100,7 +100,7 @@ def test_a_plan_that_is_missing_is_an_open_question(planned, asked):
     """A robot may have been stopped before it had one."""
     found = asked(planned, Forgery("attachment", (PLAN,), "removed"))
     [unknown] = found.unknown
-    assert found.cannot_tell and "robot_1 made no plan" in unknown.why
+    assert found.undecided and "robot_1 made no plan" in unknown.why
 
 
 def test_a_run_that_was_stopped_has_no_plans(asked, tmp_path):

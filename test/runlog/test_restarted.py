@@ -73,7 +73,7 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
         return [one for one in messages if one.topic == "/status"][-1:]
 
     found = restarted(end, at)
-    assert found.cannot_tell
+    assert found.undecided
     (gap,) = found.log.gaps
     assert at - 5 <= gap.first <= at + 1
     assert gap.last == found.log.messages.statuses[-1].step
@@ -95,7 +95,7 @@ def test_a_recorder_that_comes_back_may_hear_a_robot_later_than_the_world(
 
     found = restarted(deaf(AT, AT + 10))
     assert found.differences == ()
-    assert found.cannot_tell
+    assert found.undecided
     (gap,) = found.log.gaps
     assert gap.first <= AT + 1
     assert AT + 10 <= gap.last + 1 <= AT + 12

@@ -88,9 +88,9 @@ def returned(good, tmp_path):
 
 def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, capsys):
     [unknown] = returned(ALONE, other="robot_2").unknown
-    assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 came back")
+    assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 returned")
     assert main(["verify", str(tmp_path / "bag")]) == 3
-    told = f"cannot tell from step {AT} on: robot_2 came back "
+    told = f"undecided from step {AT} on: robot_2 returned "
     assert told in capsys.readouterr().out
 
 
@@ -102,19 +102,19 @@ def test_a_robot_that_comes_back_twice(returned):
     found = returned(
         first, second, other="robot_2", which=1, again="tables/robot_2_0.npz"
     )
-    assert found.cannot_tell
+    assert found.undecided
     assert [one[:2] for one in found.unknown] == [(AT, None)]
 
 
 def test_an_order_without_rollback_moves_no_robot_back(returned):
-    assert returned(ALONE, OBEYED, other="robot_2", call=True).cannot_tell
+    assert returned(ALONE, OBEYED, other="robot_2", call=True).undecided
 
 
 def test_what_follows_from_a_world_that_came_back_alone_is_open(returned, good):
     gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
     found = returned(other="robot_2", call=True, without=gone)
     [unknown] = found.unknown
-    assert unknown[:2] == (0, None) and unknown.why.startswith("the world came back")
+    assert unknown[:2] == (0, None) and unknown.why.startswith("the world returned")
 
 
 def test_what_differs_before_a_robot_came_back_differs(returned, good):
@@ -128,12 +128,12 @@ def test_what_differs_before_a_robot_came_back_differs(returned, good):
 
 def test_what_differs_as_a_robot_comes_back_is_unknown(returned, good):
     gone = "/robot_1/local_state", round(AT * good.run.step_period * 1e9)
-    assert returned(ALONE, other="robot_2", without=gone).cannot_tell
+    assert returned(ALONE, other="robot_2", without=gone).undecided
 
 
 def test_what_follows_from_a_robot_that_came_back_is_not_told_apart(returned):
     """Another robot's tables may follow from it, too: `verify` does not find out."""
-    assert returned(ALONE, other="robot_1").cannot_tell
+    assert returned(ALONE, other="robot_1").undecided
 
 
 @pytest.mark.parametrize(

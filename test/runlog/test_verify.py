@@ -178,7 +178,7 @@ def test_of_an_unfinished_log_the_rest_is_checked(record):
     run = record(settings=HALF, finish=False)
     found = verify(run.bag)
     [unknown] = found.unknown
-    assert found.cannot_tell and unknown.last is None
+    assert found.undecided and unknown.last is None
     assert 0 <= found.log.step[-1] - unknown.first < 10
     assert found.steps > 390 and found.tables == 2 * 3
 
@@ -501,7 +501,7 @@ def test_a_world_that_does_not_say_how_the_run_ended(alter):
     """It may have been killed, or the recorder stopped before the status."""
     found = alter(without_last("/status"))
     [unknown] = found.unknown
-    assert found.cannot_tell and unknown.last is None
+    assert found.undecided and unknown.last is None
     assert "the world does not show how the run ended" in unknown.why
 
 
@@ -527,7 +527,7 @@ def test_a_world_whose_markers_are_its_own(alter, other):
     found = alter(change, lambda attached: list(map(own, attached)), record=record)
     [unknown] = found.unknown
     assert unknown[:2] == (0, None) and "markers" in unknown.why
-    assert found.cannot_tell and not found.notes and found.steps == 250
+    assert found.undecided and not found.notes and found.steps == 250
 
 
 def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
@@ -541,7 +541,7 @@ def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
         ],
     )
     [unknown] = found.unknown
-    assert unknown.why.startswith("robot_1 publishes no tables") and found.cannot_tell
+    assert unknown.why.startswith("robot_1 publishes no tables") and found.undecided
     steps = coordinations(found.log, 0)
     for one in explained(found.log, 0, steps):
         assert (one.q_values, one.update) == ((), None)

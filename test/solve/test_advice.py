@@ -122,7 +122,7 @@ def test_robots_that_can_avoid_each_other_need_not_ask():
     found = advice(load_scenario("unseen1-doors-2r-1"))
     assert found.kind == AVOIDABLE and found.ratio > 40
     assert found.text.startswith(
-        "Asking will not pay, because robots can take ways on which"
+        "Asking will not pay, because robots can choose paths that"
     )
 
 

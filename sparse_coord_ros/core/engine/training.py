@@ -166,7 +166,7 @@ def train(
     if resume:
         if checkpoint is None:
             raise SettingError(
-                "setting resume: value is True, which needs a checkpoint to go on"
+                "setting resume: value is True, which needs a checkpoint to continue from"
             )
         saved = load_checkpoint(checkpoint, scenario, rule, seed)
         if evaluate_every is None:

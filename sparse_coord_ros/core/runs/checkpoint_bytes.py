@@ -64,8 +64,8 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
     found = str(arrays.pop("run", ""))
     if found != run:
         raise RunError(
-            f"{path}: is the checkpoint of another run than this one ({said}); go on with the "
-            "scenario, its settings, the learner and the seed that it began with"
+            f"{path}: is the checkpoint of another run than this one ({said}); continue with the "
+            "scenario, settings, learner and seed of that run"
         )
     return arrays
 

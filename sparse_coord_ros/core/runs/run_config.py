@@ -101,7 +101,7 @@ class LiveLearnerName(LearnerName):
 
 
 BODIES_SUCCEED = 0.95
-"""`prior_success` with prior=map and slips=false, unless somebody chose one."""
+"""`prior_success` with prior=map and slips=false, unless a user chose one."""
 
 LEARNER = LearnerName("learner")
 LIVE_LEARNER = LiveLearnerName("learner")
@@ -130,12 +130,12 @@ class RunConfig:
     )
     clock: str = setting(
         OWN_CLOCK,
-        "own: /clock tells the run's time, step t is t * step_period; none: it is left to others",
+        "own: the world publishes /clock, step t at t * step_period; none: it does not",
         choices=(OWN_CLOCK, NO_CLOCK),
     )
     resolution: float = setting(
         0.0,
-        "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",
+        "metres per cell, at least 0.001; 0: the map's resolution, or 1 if it has none",
         low=0,
         high=RESOLUTIONS[1],
     )
@@ -143,14 +143,14 @@ class RunConfig:
         5.0, "seconds until a silent robot is left out", low=0.1
     )
     percept_timeout: float = setting(
-        2.0, "seconds until an unanswered request is a failed percept", low=0.05
+        2.0, "seconds until an unanswered question fails", low=0.05
     )
     bodies: bool = setting(
         False, "the robots have bodies: each step waits for their drivers"
     )
     slips: bool = setting(
         True,
-        "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
+        "moves also fail at random, as often as in the grid; false: only if a body fails",
     )
     tables: str = setting(
         "", "directory of a run; learning starts from its tables; empty: none"
@@ -158,7 +158,7 @@ class RunConfig:
     recorded: bool = setting(False, "wait for a recorder before the run starts")
     checkpoint: int = setting(
         10_000,
-        "time steps between two recordings of the learned tables; 0: only at the end",
+        "record the learned tables every so many time steps; 0: only at the end",
         low=0,
         high=2**31 - 1,
     )

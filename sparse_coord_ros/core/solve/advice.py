@@ -75,7 +75,7 @@ def advice(scenario: Scenario) -> Advice:
         said = "Asking will not pay"
     elif optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
-        said = "Asking will not pay, because robots can take ways on which they do not meet"
+        said = "Asking will not pay, because robots can choose paths that do not meet"
     elif gain_in_costs < sure:
         kind = MAY_PAY
         said = "Coordination may pay"

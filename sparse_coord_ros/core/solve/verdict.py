@@ -157,7 +157,7 @@ def _remedy(scenario: Scenario, learner: Learner) -> str:
     """
     if not percepts_can_succeed(scenario):
         setting = f"perception {scenario.perception}, link {scenario.link}"
-        return f"Asking cannot help here: no percept can succeed ({setting})."
+        return f"Asking cannot help here: no question can be answered ({setting})."
     if isinstance(learner, Factored):
         return "Try more steps."
     return "Try --learner factored."

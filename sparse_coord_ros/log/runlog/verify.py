@@ -82,7 +82,7 @@ class Verification:
         return not self.differences and not self.unknown
 
     @property
-    def cannot_tell(self) -> bool:
+    def undecided(self) -> bool:
         """True if there is no difference, but a part is unknown."""
         return not self.differences and bool(self.unknown)
 
@@ -300,10 +300,10 @@ def _came_back(log: RunLog) -> Iterator[Unknown]:
     for k, name in enumerate(log.names):
         since = _came_back_alone(log, k, {NO_ORDER, *without_rollback})
         if since is not None:
-            why = f"{name} came back with the tables of a checkpoint, and the team went on"
+            why = f"{name} returned with the tables of a checkpoint, without the team"
             yield Unknown(since, None, why)
     if without_rollback:
-        why = "the world came back and went on with a new episode"
+        why = "the world returned, and began a new episode instead of going back"
         yield Unknown(min(without_rollback.values()), None, why)
 
 

@@ -261,7 +261,7 @@ def check_robots(out: Path, scenario: Scenario) -> None:
     away = robots_elsewhere(out, scenario)
     if away:
         raise RunError(
-            f"{out}: holds nothing of {', '.join(away)} (a robot of one's own, or with another "
-            "'out'), so the run cannot go on there; begin a new one, or start each of its nodes "
+            f"{out}: holds nothing of {', '.join(away)} (a custom robot, or one with another "
+            "'out'), so the run cannot continue; begin a new one, or start each of its nodes "
             "with resume:=true"
         )

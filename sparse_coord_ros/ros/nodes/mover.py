@@ -278,7 +278,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Answer the node's own service; a repeated request asks whether the body has stopped."""
         self.set_halted(hold, f"its service {services.HALT.name}")
         if not hold:
-            return True, "goes on"
+            return True, "continues"
         if self.stands():
             return True, "stands"
         return False, "is being stopped: ask again"
@@ -307,8 +307,10 @@ class MoverNode(Follower, LifecycleNodeMixin):
         if halted != self.halted:
             self.halted = halted
             self._halted_publisher.publish(Bool(data=halted))
-            what = "stands" if halted else "may go on"
-            self.get_logger().warning(f"{by} says so: the body of {self.robot} {what}")
+            what = "stops" if halted else "may continue"
+            self.get_logger().warning(
+                f"the body of {self.robot} {what}: ordered by {by}"
+            )
         if halted:
             self.halt()
         else:

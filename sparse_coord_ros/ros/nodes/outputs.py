@@ -210,7 +210,7 @@ class Output:
             self.store.save(state)
         except OSError as error:
             self.node.get_logger().error(
-                f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
+                f"checkpoint not saved: {os_error_text(error)}; the run continues, the earlier "
                 "checkpoints are kept: make room"
             )
 

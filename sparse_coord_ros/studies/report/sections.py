@@ -276,7 +276,7 @@ def _against_baselines(source: str, results: Results) -> Claim:
     return Claim(
         "Coop. outperforms the baselines",
         source,
-        f"than the better baseline it surely earns more in {_counted(more, len(scenarios))} "
+        f"it surely earns more than the better baseline in {_counted(more, len(scenarios))} "
         f"scenarios, surely less in {_counted(less, len(scenarios))}",
         len(more),
         len(scenarios),
@@ -300,8 +300,8 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
     return Claim(
         f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials of {source}",
         TARGET,
-        f"in {percent(arrived, 2)}; in {failed(coop)} teams some robot fails more often than once "
-        f"in a thousand trials; such teams in other experiments: {named(others)}",
+        f"in {percent(arrived, 2)}; teams in which a robot fails more often than once in a "
+        f"thousand trials: {failed(coop)}; in other experiments: {named(others)}",
         int(arrived >= ARRIVE),
         1,
     )
@@ -409,13 +409,13 @@ def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Cl
     if unlimited:
         left_out.append(f"no limit was set: {named(unlimited)}")
     if steady:
-        left_out.append(f"that team loses nothing, Factored: {named(steady)}")
+        left_out.append(f"that team loses nothing, Factored loses: {named(steady)}")
     if unknown:
         left_out.append(f"no such team is known: {', '.join(unknown)}")
     limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
     return Claim(
         f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than the "
-        f"best team of its form, at most so many times as much: {limits}",
+        f"best team of its form, at most this many times as much: {limits}",
         TARGET,
         f"times as much as the best asking team found: {named(judged)}. "
         f"Not judged: {'; '.join(left_out) or 'none'}",
@@ -566,7 +566,7 @@ def perception(results: Results) -> Section:
     claim = Claim(
         "Percepts that fail lower the return",
         OPEN_QUESTION,
-        f"gain from percepts that never succeed to those that always do: {told}",
+        f"gain if percepts always succeed instead of never: {told}",
         *_surely(gains.values()),
     )
     return Section("perception.md.j2", pd.DataFrame(rows), [claim])
@@ -597,9 +597,9 @@ def uneven(results: Results) -> Section:
     better = sum(gain.mean > 0 for gain in gains)
     surely, cases = _surely(gains)
     claim = Claim(
-        "Coop. has a higher return than Non-coop. where r^C is uneven too",
+        "Coop. earns more than Non-coop., also where r^C is uneven",
         OPEN_QUESTION,
-        f"higher in {of(better, cases)} cases (even r^C among them), surely in {surely}",
+        f"more in {of(better, cases)} cases (even r^C among them), surely in {surely}",
         surely,
         cases,
     )
@@ -629,14 +629,14 @@ def crowd(results: Results) -> Section:
     one, every, factored = (_surely(found) for found in gains.values())
     claims = [
         Claim(
-            "In larger teams too, Coop. has a higher return than Non-coop.",
+            "Coop. earns more than Non-coop. in larger teams, too",
             "open question (footnote 3)",
             f"surely in {of(*one)} team sizes with one peer, in {of(*every)} with all peers",
             one[0] + every[0],
             one[1] + every[1],
         ),
         Claim(
-            "Factored has a higher return than Non-coop., whatever the team size",
+            "Factored earns more than Non-coop. in every team size",
             TARGET,
             f"surely in {of(*factored)} team sizes",
             *factored,
@@ -842,7 +842,7 @@ def _asking_beats_looking(found: pd.DataFrame) -> Claim:
     more = both[FACTORED] > both[ALWAYS] + EQUAL_SHARE
     equal = [interval_name(interval) for interval in both.index[~more]]
     return Claim(
-        "Asking where it matters gains more than asking always, and paying for it",
+        "Asking where it matters gains more than always asking",
         CENTRAL_CLAIM,
         f"Factored gains more in {of(int(more.sum()), len(more))} intervals of the ratio; "
         f"not in: {listed(equal)}",
