@@ -431,7 +431,7 @@ def test_a_team_is_watched_from_its_first_step(tab, start, tmp_path, robots):
 
 def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     out = tmp_path / "run"
-    options = ("--steps", "1500", "--rate", "300", "--penalty", "-100", "--port", "0")
+    options = ("--steps", "9000", "--rate", "300", "--penalty", "-100", "--port", "0")
     process = start("cli.main", "run", "env1", *options, "--watch", "--out", str(out))
     tab.goto(address_of(process))
     wait_for(tab, f"{STEP} > 10 && {STATE} === 'learning'")
@@ -461,7 +461,7 @@ def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     )
     assert tab.evaluate(
         "document.getElementById('transitions').textContent"
-    ).startswith("1,500")
+    ).startswith("9,000")
     tab.evaluate("document.getElementById('scenario').value = 'isr'")
     tab.evaluate("document.getElementById('penalty').value = '-5'")
     wait_for(tab, "!document.getElementById('start').disabled")
