@@ -57,6 +57,16 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
     assert "study 'smal': allowed: small" in capsys.readouterr().err
 
 
+def test_each_rule_changes_parts_that_its_learner_has():
+    found = [one for one in vars(rules).values() if isinstance(one, type)]
+    changed = [one for one in found if one.__module__ == rules.__name__]
+    assert len(changed) > 5
+    for rule in changed:
+        for name, one in vars(rule).items():
+            if isinstance(one, staticmethod):
+                assert any(hasattr(base, name) for base in rule.__bases__), (rule, name)
+
+
 def test_the_ablation_turns_off_one_part_each():
     for rule, *_ in (*coordination.ABLATED.values(), *kinds.PARTS.values()):
         part = type(learner_of(rule))

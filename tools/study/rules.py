@@ -84,7 +84,7 @@ class NoLeastWorth(Factored):
     """The values of a cell may fall to 0 in larger teams, too."""
 
     @staticmethod
-    def worth(mind: Any, task: Task, cell: int) -> float:
+    def cell_value(mind: Any, task: Task, cell: int) -> float:
         """Return max_b Q*(cell, b)."""
         return greatest(mind.q_star[cell], len(ACTIONS))
 

@@ -319,6 +319,11 @@ class Scenario:
         return tuple(factor * reward for factor in self._factors)
 
     @property
+    def arrival_value(self) -> float:
+        """What the goal pays from the arrival on, for ever: goal_reward / (1 - discount)."""
+        return self.goal_reward / (1.0 - self.discount)
+
+    @property
     def penalties(self) -> tuple[float, ...]:
         """r^C of one miscoordination for each robot (paper, Section 5)."""
         return tuple(factor * self.penalty for factor in self._factors)

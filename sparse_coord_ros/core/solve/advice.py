@@ -22,6 +22,13 @@ WILL_NOT_PAY = "will not pay"
 AVOIDABLE = "avoidable"
 """Asking will not pay, as robots can keep out of each other's way for nothing."""
 
+SENTENCES = {
+    WILL_PAY: "Coordination will pay",
+    MAY_PAY: "Coordination may pay",
+    WILL_NOT_PAY: "Asking will not pay",
+    AVOIDABLE: "Asking will not pay, because robots can choose paths that do not meet",
+}
+
 LEAST_RELATIVE_GAIN = 1.0
 """Below this relative gain a question costs more than the whole gain, and robots hardly ask. They
 may still win a part of the gain by their choice of ways."""
@@ -68,26 +75,16 @@ def advice(scenario: Scenario) -> Advice:
     if any(scenario.help_rewards):
         return _advice_of_help(scenario, loss, optimum)
     gain = _positive(loss - independent_bound(scenario) + optimum.value, scenario)
-    gain_in_costs = relative_gain(gain, scenario)
     sure = SURE_RELATIVE_GAIN if optimum.exact else SURE_RELATIVE_GAIN_BY_BOUND
-    if gain_in_costs < LEAST_RELATIVE_GAIN:
-        kind = WILL_NOT_PAY
-        said = "Asking will not pay"
-    elif optimum.exact and is_avoidable(loss, gain):
+    kind = _kind_of(relative_gain(gain, scenario), sure)
+    if kind != WILL_NOT_PAY and optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
-        said = "Asking will not pay, because robots can choose paths that do not meet"
-    elif gain_in_costs < sure:
-        kind = MAY_PAY
-        said = "Coordination may pay"
-    else:
-        kind = WILL_PAY
-        said = "Coordination will pay"
     facts = f"robots that ignore each other lose {loss:.2f} each"
     if loss > 0.0:
         facts += f", {_cost_in_words(ratio)}"
     if optimum.exact and loss > 0.0:
         facts += f"; a team can win back {gain:.2f}"
-    return Advice(kind, loss, ratio, gain, f"{said}: {facts}.")
+    return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
 
 
 def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice:
@@ -98,15 +95,9 @@ def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice
     """
     gain = optimum.value - shortest_path_reference(scenario).returns
     gain = _positive(gain, scenario)
-    gain_in_costs = relative_gain(gain, scenario)
-    kind = MAY_PAY
-    said = "Coordination may pay"
-    if gain_in_costs < LEAST_RELATIVE_GAIN:
-        kind = WILL_NOT_PAY
-        said = "Asking will not pay"
-    elif optimum.exact and gain_in_costs >= SURE_RELATIVE_GAIN:
-        kind = WILL_PAY
-        said = "Coordination will pay"
+    kind = _kind_of(relative_gain(gain, scenario), SURE_RELATIVE_GAIN)
+    if kind == WILL_PAY and not optimum.exact:
+        kind = MAY_PAY
     facts = "robots that ignore each other gain nothing by seeing each other"
     if gain > 0.0:
         most = "" if optimum.exact else "at most "
@@ -115,7 +106,21 @@ def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice
             f"{_cost_in_words(in_questions(gain, scenario))}"
         )
     ratio = in_questions(loss, scenario)
-    return Advice(kind, loss, ratio, gain, f"{said}: {facts}.")
+    return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
+
+
+def _kind_of(gain_in_costs: float, sure: float) -> str:
+    """Return whether coordination will pay.
+
+    Args:
+        gain_in_costs: the gain, as of `relative_gain`.
+        sure: from which on it will pay.
+    """
+    if gain_in_costs < LEAST_RELATIVE_GAIN:
+        return WILL_NOT_PAY
+    if gain_in_costs < sure:
+        return MAY_PAY
+    return WILL_PAY
 
 
 def loss_of_ignoring(scenario: Scenario) -> float:

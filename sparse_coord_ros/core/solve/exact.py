@@ -359,7 +359,7 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         interactions=interactions,
         penalties=np.array(penalties),
         help_rewards=np.array(help_rewards),
-        arrival_value=scenario.goal_reward / (1.0 - scenario.discount),
+        arrival_value=scenario.arrival_value,
         cost=float(scenario.ask_cost),
         discount=float(scenario.discount),
         success=float(scenario.move_success),

@@ -93,7 +93,7 @@ class Group(NamedTuple):
     success: float
 
 
-class Workspace(NamedTuple):
+class GroupWorkspace(NamedTuple):
     """Working memory of a backup.
 
     Attributes:
@@ -266,8 +266,8 @@ def _game(scenario: Scenario) -> Group:
     )
 
 
-def _space(count: int) -> Workspace:
-    return Workspace(
+def _space(count: int) -> GroupWorkspace:
+    return GroupWorkspace(
         cells=np.zeros(count, dtype=np.int64),
         moves=np.zeros(count, dtype=np.int64),
         after=np.zeros(CHOICES**count, dtype=np.int64),
@@ -289,14 +289,14 @@ def _alone(scenario: Scenario) -> np.ndarray:
     goals = [robot.goal for robot in scenario.robots]
     far = np.array([scenario.map.distances_to(goal) for goal in goals])
     values = value_alone(scenario, far)
-    values[np.arange(len(goals)), goals] = scenario.goal_reward / (
-        1 - scenario.discount
-    )
+    values[np.arange(len(goals)), goals] = scenario.arrival_value
     return values
 
 
 @inner
-def backup(game: Group, entering: np.ndarray, state: int, space: Workspace) -> float:
+def backup(
+    game: Group, entering: np.ndarray, state: int, space: GroupWorkspace
+) -> float:
     """Return the value of a joint state by its best joint move; write the robots' moves.
 
     A move is written as the place of the cell where it leads in `Group.ends`.
@@ -362,7 +362,7 @@ def backup(game: Group, entering: np.ndarray, state: int, space: Workspace) -> f
     return value
 
 
-def sweep(game: Group, entering: np.ndarray, space: Workspace) -> float:
+def sweep(game: Group, entering: np.ndarray, space: GroupWorkspace) -> float:
     """Back up each joint state once, in place; return the largest change."""
     most = 0.0
     for state in range(len(entering)):
@@ -377,7 +377,7 @@ def play(
     game: Group,
     entering: np.ndarray,
     draws: np.ndarray,
-    space: Workspace,
+    space: GroupWorkspace,
     passed: np.ndarray,
 ) -> None:
     """Play trials by the best known policy; back up the joint states on the way, and back again.

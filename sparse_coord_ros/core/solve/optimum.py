@@ -78,19 +78,13 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     )
     toll = sum(scenario.penalties)
     bonus = sum(scenario.help_rewards)
-    numbers = (
-        *(scenario.discount, scenario.move_success, scenario.goal_reward),
-        *(toll, bonus),
-    )
-    arrays = hashlib.sha256(
-        np.concatenate(
-            [
-                *(paid.ravel(), *map(np.ravel, leads)),
-                *(inter.passages, inter.narrow, inter.posts),
-            ]
-        ).tobytes()
-    )
-    key = starts, goals, numbers, paid.shape, arrays.digest()
+    numbers = [scenario.discount, scenario.move_success, scenario.goal_reward]
+    numbers += [toll, bonus]
+    arrays = [paid.ravel()]
+    arrays += [lead.ravel() for lead in leads]
+    arrays += [inter.passages, inter.narrow, inter.posts]
+    digest = hashlib.sha256(np.concatenate(arrays).tobytes()).digest()
+    key = starts, goals, tuple(numbers), paid.shape, digest
     if key not in SOLVED:
         if only_together(inter):
             SOLVED[key] = _solve(scenario, leads, paid)
@@ -174,7 +168,7 @@ def _joint_values(
             )
         values -= cost
         # All have arrived: the trial is over, and robots in one doorway do not pay.
-        values[every + goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        values[every + goal] = scenario.arrival_value
         best = values.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
             return values
@@ -235,7 +229,7 @@ def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
             stayed = values.take([STAY], axis=k)
             values = p * moved + (1.0 - p) * stayed
         best = values.max(axis=tuple(range(team)))
-        best[goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        best[goal] = scenario.arrival_value
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
             return float(best[start])
         value = best
@@ -282,9 +276,8 @@ def value_alone(
     """
     gamma = scenario.discount
     p = scenario.move_success
-    prize = scenario.goal_reward / (1.0 - gamma)
     later = gamma ** np.maximum(far if moved else far - 1, 0)
-    value = prize * later * (p / (1.0 - gamma * (1.0 - p))) ** far
+    value = scenario.arrival_value * later * (p / (1.0 - gamma * (1.0 - p))) ** far
     return np.where(far < (0 if moved else 1), 0.0, value)
 
 

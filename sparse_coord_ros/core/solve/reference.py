@@ -143,7 +143,6 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     goals = np.array([robot.goal for robot in robots])[:, None]
     cells = np.tile([[robot.start] for robot in robots], (1, TRIALS))
     chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
-    arrival_value = scenario.goal_reward / (1.0 - scenario.discount)
     toll = float(np.mean(scenario.penalties))
     bonus = float(np.mean(scenario.help_rewards))
     returns = np.zeros(TRIALS)
@@ -165,7 +164,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
         conflict = running & miscoordinations(inter, cells, ends)
         arrivals = (under_way & (ends == goals)).sum(axis=0)
         returns += scenario.discount**t * (
-            conflict * toll + arrivals * arrival_value / team
+            conflict * toll + arrivals * scenario.arrival_value / team
         )
         returns += scenario.discount**t * bonus * help_given(inter, cells, ends)
         times += under_way.mean(axis=0)

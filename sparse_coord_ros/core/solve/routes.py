@@ -183,7 +183,7 @@ def returns_of(scenario: Scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndar
         after=alone(scenario, ways.avoided),
         order=np.array(ways.order),
         toll=float(sum(scenario.penalties)),
-        prize=scenario.goal_reward / (1.0 - scenario.discount),
+        prize=scenario.arrival_value,
         discount=float(scenario.discount),
         success=float(scenario.move_success),
     )
