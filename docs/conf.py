@@ -49,6 +49,9 @@ generate.everything()
 
 asked = ["git", "-C", str(HERE), "remote", "get-url", "origin"]
 place = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
+published = place.startswith(("https://", "ssh://", "git@"))
 myst_substitutions = {
-    "repository": place or "the checkout that these pages were built from"
+    "repository": place
+    if published
+    else "the checkout that these pages were built from"
 }

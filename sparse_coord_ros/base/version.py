@@ -2,4 +2,4 @@
 # SPDX-License-Identifier: Apache-2.0
 """The version of this software, which is in all its files."""
 
-__version__ = "1.0.0"
+__version__ = "2.0.0"

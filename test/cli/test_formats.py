@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every 1.x reads and goes on with the files of 1.0.0 (made by test/fixtures/make.py)."""
+"""Every 2.x reads and goes on with the files of 2.0.0 (made by test/fixtures/make.py)."""
 
 import io
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-FIXTURES = Path(__file__).parents[1] / "fixtures/1.0.0"
+FIXTURES = Path(__file__).parents[1] / "fixtures/2.0.0"
 CONDITION = "env1/coop/penalty=-20,steps=300"
 FEW = ("--runs", 2, "--trials", 5)
 SEARCH = ("optimum", "doorway.yaml", "--class", "--restarts", 3, "--out")
