@@ -436,7 +436,9 @@ class Judge:
         found = []
         for item, one in zip(items, results.values(), strict=True):
             returns = one.run_means("returns").tolist()
-            found.append(result_of(item, one.scenario, tuple(returns), failed_teams(one)))
+            found.append(
+                result_of(item, one.scenario, tuple(returns), failed_teams(one))
+            )
         return tuple(found)
 
     def _elsewhere(
@@ -500,6 +502,17 @@ class Judge:
 def result_of(
     item: Item, scenario: Scenario, returns: tuple[float, ...], failed: int
 ) -> BenchmarkResult:
+    """Return what teams are worth in a scenario of a list.
+
+    Args:
+        item: the scenario, as the list has it.
+        scenario: as the teams learned it.
+        returns: of each team, averaged over its robots.
+        failed: teams that fail.
+
+    Raises:
+        SettingError: the end of the scenario's gap is unknown.
+    """
     top = known_top(scenario.with_settings({"perception": "always"}))
     if top is None:
         raise SettingError(

@@ -122,9 +122,7 @@ def state_of(tables: Tables, games: Games, i: int) -> int:
 
 
 @inlined
-def best_moves(
-    tables: Tables, games: Games, i: int, state: int, moves: Any
-) -> None:
+def best_moves(tables: Tables, games: Games, i: int, state: int, moves: Any) -> None:
     """Fill in the best moves of a game's robots; of equals the first."""
     if state >= 0:
         pairs = tables.joint[i, state]
@@ -355,9 +353,7 @@ def play(
     games, outcome, infos = _games(scenario, teams, seed, EVALUATION)
     returns = np.zeros((teams, trials, 2))
     arrived = np.zeros((teams, trials, 2), dtype=np.bool_)
-    loops().play_all(
-        tables, games, outcome, infos, returns, arrived, scenario.discount
-    )
+    loops().play_all(tables, games, outcome, infos, returns, arrived, scenario.discount)
     return returns, arrived
 
 
