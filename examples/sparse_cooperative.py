@@ -24,7 +24,7 @@ import numpy as np
 import sparse_coord_ros as sc
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 
-REACH = 2
+REACH = 1
 FIRST_VALUE = 20.0
 MOVES = 4
 LIKE_FACTORED = {

@@ -402,7 +402,7 @@ class Judge:
         if entry.runs:
             judged = self._elsewhere(entry, items)
         else:
-            judged = self._learned(entry, items, self.steps)
+            judged = self.learned(entry, items, self.steps)
         place = Place(
             title=entry.title,
             learner=entry.learner,
@@ -415,10 +415,10 @@ class Judge:
         )
         if judged and entry.learner:
             steps_to_90 = self._steps_to_90(entry, items, place)
-            seconds = self._seconds(entry, items[0])
+            seconds = self.seconds(entry, items[0])
         return Place(**{**vars(place), "steps_to_90": steps_to_90, "seconds": seconds})
 
-    def _learned(
+    def learned(
         self, entry: Entry, items: Sequence[Item], steps: int
     ) -> tuple[BenchmarkResult, ...]:
         """Let teams learn in each scenario; empty: the learner cannot learn all of them."""
@@ -436,7 +436,9 @@ class Judge:
         found = []
         for item, one in zip(items, results.values(), strict=True):
             returns = one.run_means("returns").tolist()
-            found.append(_judged(item, one.scenario, tuple(returns), failed_teams(one)))
+            found.append(
+                result_of(item, one.scenario, tuple(returns), failed_teams(one))
+            )
         return tuple(found)
 
     def _elsewhere(
@@ -446,7 +448,7 @@ class Judge:
         teams = list(_teams_in(Path(entry.runs)))
         found = []
         for item in items:
-            scenario = _scenario(item)
+            scenario = scenario_of(item)
             digest = game_digest(scenario)
             own = [
                 evaluate_best(
@@ -459,7 +461,7 @@ class Judge:
                 return ()
             returns = tuple(one.returns.mean for one in own)
             failed = sum(one.all_arrived < ARRIVE for one in own)
-            found.append(_judged(item, scenario, returns, failed))
+            found.append(result_of(item, scenario, returns, failed))
         return tuple(found)
 
     def _steps_to_90(
@@ -470,13 +472,13 @@ class Judge:
             return None
         for budget in BUDGETS:
             if budget < self.steps:
-                judged = self._learned(entry, items, budget)
+                judged = self.learned(entry, items, budget)
                 tried = Place(**{**vars(whole), "judged": judged})
                 if tried.share[0] >= NEARLY_ALL:
                     return budget
         return self.steps
 
-    def _seconds(self, entry: Entry, item: Item) -> float:
+    def seconds(self, entry: Entry, item: Item) -> float:
         """Return the processor time of one learning run; a first one compiles."""
         condition = entry.condition(item, self.steps)
         assert condition is not None  # teams of it have learned
@@ -497,9 +499,20 @@ class Judge:
         return time.process_time() - began
 
 
-def _judged(
+def result_of(
     item: Item, scenario: Scenario, returns: tuple[float, ...], failed: int
 ) -> BenchmarkResult:
+    """Return what teams are worth in a scenario of a list.
+
+    Args:
+        item: the scenario, as the list has it.
+        scenario: as the teams learned it.
+        returns: of each team, averaged over its robots.
+        failed: teams that fail.
+
+    Raises:
+        SettingError: the end of the scenario's gap is unknown.
+    """
     top = known_top(scenario.with_settings({"perception": "always"}))
     if top is None:
         raise SettingError(
@@ -513,7 +526,7 @@ def _judged(
     )
 
 
-def _scenario(item: Item) -> Scenario:
+def scenario_of(item: Item) -> Scenario:
     """Return the scenario of an item, as any learner plays it."""
     return make_condition(
         item.scenario, "noncoop", {**item.settings, "penalty": PENALTY}

@@ -22,6 +22,7 @@ from sparse_coord_ros.studies.runner import Computing, compute
 from sparse_coord_ros.studies.store import ConditionResult, Plan, open_results
 from tools.study import (
     advised,
+    central,
     coordination,
     kinds,
     known_map,
@@ -41,6 +42,7 @@ STUDIES: dict[str, Study] = {
         *outsiders.STUDIES,
         *kinds.STUDIES,
         *advised.STUDIES,
+        *central.STUDIES,
     )
 }
 
