@@ -165,7 +165,7 @@ def test_the_page_of_results_is_whole_and_self_contained(results, tmp_path, caps
     assert main(["report", str(results), "--out", str(out)]) == 0
     tags = tags_of(out.read_text())
     assert tags.count("img") == 2 and "script" not in tags
-    assert "<td>env1/coop/penalty=-20,steps=300</td>" in out.read_text()
+    assert '<th scope="row">env1/coop/penalty=-20,steps=300</th>' in out.read_text()
     out.unlink()
     assert main(["report", str(results), "--no-baselines", "--out", str(out)]) == 2
     assert "--no-baselines is for runs" in capsys.readouterr().err
@@ -199,7 +199,7 @@ def test_results_of_swap_and_block_are_reported(tmp_path, capsys):
     assert main(["report", folder, "--out", str(out)]) == 0
     page = out.read_text()
     for one in conditions:
-        assert f"<td>{one}</td>" in page
-    row = page.partition(f"<td>{conditions[1]}</td>")[2].partition("</tr>")[0]
+        assert f'<th scope="row">{one}</th>' in page
+    row = page.partition(f">{conditions[1]}</th>")[2].partition("</tr>")[0]
     assert re.search(r"<td>[\d.]+ \(\d\.\d\d\)</td>", row)  # shortest paths
     assert "of trials, with its standard error" in page

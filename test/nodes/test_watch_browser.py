@@ -404,6 +404,18 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
         "const axis = document.getElementById('axis'); axis.value = 'step'; axis.onchange()"
     )
     wait_for(tab, f"{where}.startsWith('time step')")
+    points = "[...document.querySelectorAll('.curve')].map((one) => one.getAttribute('d').split('L').length)"
+    wait_for(tab, f"Math.max(...{points}) > 3")
+    assert max(tab.evaluate(points)) <= 41
+    values = "[...document.querySelectorAll('.chart .value')].map((one) => one.textContent)"
+    tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
+    said = wait_for(
+        tab, f"{values}.every((text) => text.includes(' at step ')) && {values}"
+    )
+    assert len(said) == 4
+    assert len({text.partition(" at step ")[2] for text in said}) == 1
+    tab.hover("h1")
+    wait_for(tab, f"!{values}.some((text) => text.includes(' at step '))")
     for width in (1280, 400):
         size(tab, width, 800)
         wait_for(tab, WIDE)
