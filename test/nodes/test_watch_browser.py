@@ -404,10 +404,12 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
         "const axis = document.getElementById('axis'); axis.value = 'step'; axis.onchange()"
     )
     wait_for(tab, f"{where}.startsWith('time step')")
-    points = "[...document.querySelectorAll('.curve')].map((one) => one.getAttribute('d').split('L').length)"
+    lines = "[...document.querySelectorAll('.curve')]"
+    points = f"{lines}.map((one) => one.getAttribute('d').split('L').length)"
     wait_for(tab, f"Math.max(...{points}) > 3")
     assert max(tab.evaluate(points)) <= 40
-    values = "[...document.querySelectorAll('.chart .value')].map((one) => one.textContent)"
+    values = "[...document.querySelectorAll('.chart .value')]"
+    values += ".map((one) => one.textContent)"
     tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
     said = wait_for(
         tab, f"{values}.every((text) => text.includes(' at step ')) && {values}"
