@@ -7,6 +7,7 @@ outside is escaped.
 """
 
 import base64
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -44,6 +45,7 @@ def code(lines: str, *, summary: str = "") -> Part:
 
 
 def picture(figure: Figure, caption: str) -> Part:
-    """Return a picture."""
+    """Return a picture; the caption's words up to its first stop name it."""
     data = base64.b64encode(rendered(figure, "svg")).decode()
-    return {"kind": "picture", "data": data, "caption": caption}
+    alt = re.split("[.:]", caption)[0]
+    return {"kind": "picture", "data": data, "alt": alt, "caption": caption}

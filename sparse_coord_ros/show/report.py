@@ -118,7 +118,8 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
     rows.append(["fixed shortest paths", *measures, "0", arrive])
     rows += [[name, f"{value:.2f}", *"----"] for name, value in yardsticks(scenario)]
     yield table(
-        ["", "return", "time to goal", "miscoordinations", "asks", "all arrive"], rows
+        ["team", "return", "time to goal", "miscoordinations", "asks", "all arrive"],
+        rows,
     )
     yield text(
         "Return of a robot (total discounted reward of an episode), steps to the goal, "

@@ -32,7 +32,9 @@ def tags_of(page):
         tags.append(element.tag)
         for name, value in element.items():
             assert not name.startswith("on")
-            if name in ("href", "src"):
+            if name == "href":
+                assert value.startswith("#section-")
+            if name == "src":
                 assert value.startswith("data:image/svg+xml;base64,"), value
                 ElementTree.fromstring(base64.b64decode(value.partition(",")[2]))
     return tags
@@ -54,7 +56,24 @@ def page(bag):
 def test_the_page_of_a_bag_is_whole_and_self_contained(page):
     tags = tags_of(page)
     assert tags.count("img") == 5 and "script" not in tags
-    assert page.count("<h2>") == 6
+    assert page.count("<h2 ") == 6
+
+
+def test_the_page_is_reached_by_keys_and_names(page):
+    """Landmarks, headings in order, named pictures and tables; wide boxes take the focus."""
+    tree = ElementTree.fromstring(page.partition("\n")[2])
+    headings = tree.findall("body/main/h2")
+    links = tree.findall("body/header/nav/a")
+    assert [(f"#{one.get('id')}", one.text) for one in headings] == [
+        (one.get("href"), one.text) for one in links
+    ]
+    assert all(one.get("alt") for one in tree.iter("img"))
+    boxes = [one for one in tree.iter("div") if one.get("class") == "scroll"]
+    inside = {one for box in boxes for one in box}
+    assert inside == {*tree.iter("table"), *tree.iter("pre")}
+    assert all(box.get("tabindex") == "0" and box.get("aria-label") for box in boxes)
+    heads = list(tree.iter("th"))
+    assert all(one.get("scope") in ("col", "row") and one.text for one in heads)
 
 
 def test_its_numbers_are_those_of_the_log(page, bag):
@@ -70,7 +89,7 @@ def test_its_numbers_are_those_of_the_log(page, bag):
         assert words in page
     log = read_run(bag)
     assert (
-        f"<td>questions answered</td><td>{int((log.asked & log.perceived).sum())}</td>"
+        f'<th scope="row">questions answered</th><td>{int((log.asked & log.perceived).sum())}</td>'
         in page
     )
     k, row = next(
@@ -146,7 +165,7 @@ def test_the_page_of_results_is_whole_and_self_contained(results, tmp_path, caps
     assert main(["report", str(results), "--out", str(out)]) == 0
     tags = tags_of(out.read_text())
     assert tags.count("img") == 2 and "script" not in tags
-    assert "<td>env1/coop/penalty=-20,steps=300</td>" in out.read_text()
+    assert '<th scope="row">env1/coop/penalty=-20,steps=300</th>' in out.read_text()
     out.unlink()
     assert main(["report", str(results), "--no-baselines", "--out", str(out)]) == 2
     assert "--no-baselines is for runs" in capsys.readouterr().err
@@ -180,7 +199,7 @@ def test_results_of_swap_and_block_are_reported(tmp_path, capsys):
     assert main(["report", folder, "--out", str(out)]) == 0
     page = out.read_text()
     for one in conditions:
-        assert f"<td>{one}</td>" in page
-    row = page.partition(f"<td>{conditions[1]}</td>")[2].partition("</tr>")[0]
+        assert f'<th scope="row">{one}</th>' in page
+    row = page.partition(f">{conditions[1]}</th>")[2].partition("</tr>")[0]
     assert re.search(r"<td>[\d.]+ \(\d\.\d\d\)</td>", row)  # shortest paths
     assert "of trials, with its standard error" in page

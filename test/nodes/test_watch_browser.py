@@ -404,9 +404,68 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
         "const axis = document.getElementById('axis'); axis.value = 'step'; axis.onchange()"
     )
     wait_for(tab, f"{where}.startsWith('time step')")
+    lines = "[...document.querySelectorAll('.curve')]"
+    points = f"{lines}.map((one) => one.getAttribute('d').split('L').length)"
+    wait_for(tab, f"Math.max(...{points}) > 3")
+    assert max(tab.evaluate(points)) <= 40
+    values = "[...document.querySelectorAll('.chart .value')]"
+    values += ".map((one) => one.textContent)"
+    tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
+    said = wait_for(
+        tab, f"{values}.every((text) => text.includes(' at step ')) && {values}"
+    )
+    assert len(said) == 4
+    assert len({text.partition(" at step ")[2] for text in said}) == 1
+    tab.hover("h1")
+    wait_for(tab, f"!{values}.some((text) => text.includes(' at step '))")
     for width in (1280, 400):
         size(tab, width, 800)
         wait_for(tab, WIDE)
+
+
+def test_robots_of_all_runs_are_where_the_clock_says(tab):
+    """As an episode begins again, the stream of a run may be ahead of the clock."""
+    run = make_run(load_scenario("env1"), {})
+    narrator = Narrator(run.scenario)
+    boards = [MessageBoard(), MessageBoard(), MessageBoard()]
+    common = boards[2]
+    for board in boards[:2]:
+        fields = messages.run_fields(run)
+        board.put("run", source="bag", title="made up", controls=(), **fields)
+    common.put("run", titles=["one", "other"], axes=["learned"], controls=())
+    lengths = {"starts": [[1], [1]], "lengths": [[13], [13]], "offsets": [0]}
+    common.put("aligned", axis="learned", **lengths)
+
+    def frame(step, places):
+        seen = TeamTransition(step, places, (None, None), places, False)
+        trails = [[cell] for cell in places]
+        fields = messages.frame_fields(seen, trails, narrator)
+        return {"state": "playing", "rate": 2.0, **fields}
+
+    def clock(position, frames):
+        at = {"position": position, "last": 13, "segment": 0}
+        state = {"axis": "learned", "state": "playing", "rate": 2.0}
+        common.put("clock", frames=frames, **at, **state)
+
+    start = frame(1, (0, 3))
+    end = frame(14, (20, 17))
+    clock(13, [end, end])
+    server = Server(*boards, port=0, index="compare.html")
+    tab.goto(server.address)
+    where = "document.getElementById('where').textContent"
+    wait_for(tab, f"{where}.startsWith('step 13 ')")
+    told = "[...document.querySelectorAll('.told')].map((one) => one.textContent)"
+    wait_for(tab, f"{told}.length === 2")
+    for board in boards[:2]:
+        board.put("frame", **start)
+        board.put("learned", lines=["came after it"], first=1, step=None)
+    wait_for(tab, f"{told}.every((text) => text === 'came after it')")
+    assert cells(tab) == [20, 17, 20, 17]
+    assert tab.evaluate(where).startswith("step 13 ")
+    clock(0, [start, start])
+    wait_for(tab, f"{where}.startsWith('step 0 ')")
+    assert cells(tab) == [0, 3, 0, 3]
+    server.close()
 
 
 @pytest.mark.parametrize("robots", [2, 4, 8])

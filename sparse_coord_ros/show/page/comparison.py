@@ -150,7 +150,8 @@ class Comparison(controls.Played):
             shown = [source.highlight for source in self.sources]
             found = [(one.first, one.last) for one in shown if one is not None]
             ends = np.array(found)
-            return aligned(ends[:, :1], ends[:, 1:] - ends[:, :1])
+            # up to the state in which the last step ends
+            return aligned(ends[:, :1], ends[:, 1:] + 1 - ends[:, :1])
         if self.axis == controls.EPISODE:
             history = [source.history for source in self.sources]
             count = min(one.episodes for one in history)
@@ -214,7 +215,11 @@ class Comparison(controls.Played):
                     self.paused = False
 
     def show(self) -> None:
-        """Show every run at the position, and the clock where it has changed."""
+        """Show every run at the position, and the clock where it has changed.
+
+        The clock carries the frames: each board has a stream of its own, which may come sooner or
+        later than another one.
+        """
         axis = self.alignment()
         position = int(min(max(self.position, 0.0), axis.last))
         steps = axis.steps_at(position)
@@ -237,6 +242,7 @@ class Comparison(controls.Played):
             last=axis.last,
             segment=axis.segment_at(position),
             rate=self.rate,
+            frames=[source.board.get("frame") for source in self.sources],
         )
 
 

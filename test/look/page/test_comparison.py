@@ -153,12 +153,31 @@ def test_what_was_learned_is_played_again_and_again(player):
     shown = [source.highlight for source in player.sources]
     frames = player.do()
     assert [frame["step"] for frame in frames] == [one.first for one in shown]
-    longest = max(one.last - one.first for one in shown)
+    longest = max(one.last + 1 - one.first for one in shown)
     frames = player.do(seconds=longest / 2.0)
-    assert [frame["step"] for frame in frames] == [one.last for one in shown]
+    assert [frame["step"] for frame in frames] == [one.last + 1 for one in shown]
     assert said(player)["state"] == "playing"
     frames = player.do(seconds=5.0)
     assert [frame["step"] for frame in frames] == [one.first for one in shown]
+
+
+def test_the_clock_carries_the_frames_of_its_position(player):
+    player.do(AXIS, LEARNED_EPISODE)
+    starts = [source.highlight.first for source in player.sources]
+    lengths = [
+        source.highlight.last + 1 - source.highlight.first for source in player.sources
+    ]
+    positions = []
+    for _ in range(4 * max(lengths)):  # it wraps at least once
+        player.do(seconds=0.25)
+        clock = said(player)
+        positions.append(clock["position"])
+        due = [
+            start + min(clock["position"], length)
+            for start, length in zip(starts, lengths, strict=True)
+        ]
+        assert [frame["step"] for frame in clock["frames"]] == due
+    assert max(positions) == max(lengths) and (np.diff(positions) < 0).any()
 
 
 def test_the_clock_is_told_only_where_it_changes(player):

@@ -1,5 +1,5 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
-// A chart: lines over time steps, with the titles of both axes. The pointer shows the values.
+// A chart: lines over time steps, with the titles of both axes. A pointer shows the values.
 
 import { html, svg, ticks } from "/draw.js";
 
@@ -18,7 +18,8 @@ function apart(ends) {
 
 export class Chart {
   // The title says what is drawn, and in which unit; the range holds values that the axis shows at least.
-  constructor(holder, title, range) {
+  // Calls point with the time step under the pointer, and with null where it leaves.
+  constructor(holder, title, range, point) {
     this.range = range;
     this.lines = [];
     this.right = 1; // the last time step
@@ -26,8 +27,8 @@ export class Chart {
     this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over time steps` });
     this.value.className = "value";
     holder.append(html("section", { className: "chart" }, html("h2", {}, title), this.value, this.picture));
-    this.picture.addEventListener("pointermove", (event) => this.point(event));
-    this.picture.addEventListener("pointerleave", () => this.point(null));
+    this.picture.addEventListener("pointermove", (event) => point(this.under(event)));
+    this.picture.addEventListener("pointerleave", () => point(null));
   }
 
   // Each line has steps, values (null: not known), attributes of its path, a label at its end.
@@ -84,22 +85,24 @@ export class Chart {
       svg("path", { class: "here", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}`, ...looks[i] })));
   }
 
-  // The values where the pointer is; null: it is elsewhere.
-  point(event) {
+  // The time step under the pointer.
+  under(event) {
+    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.picture.getScreenCTM().inverse()).x;
+    return Math.min(this.right, (Math.max(0, at - LEFT) * this.right) / (WIDTH - LEFT - RIGHT));
+  }
+
+  // The values at a time step; null: at the ends.
+  read(step) {
     this.picture.querySelectorAll(".pointed").forEach((one) => one.remove());
-    if (!event || !this.lines.some((line) => line.steps.length)) {
+    if (step === null || !this.lines.some((line) => line.steps.length)) {
       this.value.textContent = this.ends();
       return;
     }
-    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.picture.getScreenCTM().inverse()).x;
-    const step = (Math.max(0, at - LEFT) * this.right) / (WIDTH - LEFT - RIGHT);
-    const found = this.lines.map((line) => {
-      const i = line.steps.findLastIndex((one) => one <= step);
-      return i < 0 ? null : line.values[i];
-    });
+    const places = this.lines.map((line) => line.steps.findLastIndex((one) => one <= step));
+    const found = this.lines.map((line, i) => line.values[places[i]] ?? null);
     this.picture.append(svg("path", { class: "pointed", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}` }));
-    found.forEach((value) => value !== null && this.picture.append(
-      svg("circle", { class: "pointed", cx: this.x(step), cy: this.y(value), r: 3 })));
+    found.forEach((value, i) => value !== null && this.picture.append(
+      svg("circle", { class: "pointed", cx: this.x(this.lines[i].steps[places[i]]), cy: this.y(value), r: 3 })));
     this.value.textContent = `${this.named(found)} at step ${short(Math.round(step))}`;
   }
 }

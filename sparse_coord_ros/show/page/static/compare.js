@@ -43,13 +43,12 @@ class Column {
   take(message) {
     this.newest[message.type] = message;
     const draw = {
-      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); },
-      frame: () => this.show(message),
+      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); this.show(); },
       tables: () => { this.map.policy(message); differences(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
       marks: () => this.mark(),
-      dialogue: () => this.show(this.newest.frame),
+      dialogue: () => this.show(),
       evaluation: () => { this.values(); headline(); },
       learned: () => { this.learned.textContent = message.lines.join(" "); },
       notice: () => { if (message.text) tell("notice", `${titles[this.k]}: ${message.text}`); },
@@ -57,9 +56,15 @@ class Column {
     if (draw && this.newest.run) draw();
   }
 
-  show(frame) {
-    if (!frame) return;
-    this.map.move(frame, clock?.state === "paused");
+  // What the clock shows of this run. Frames come with the clock: streams of their own would come sooner or later.
+  get frame() {
+    return clock?.frames[this.k];
+  }
+
+  show() {
+    const { frame } = this;
+    if (!frame || !this.newest.run) return;
+    this.map.move(frame, clock.state === "paused");
     const { run, dialogue } = this.newest;
     const said = dialogue?.entries.filter((entry) => entry.step === frame.step).map((entry) => entry.text) ?? [];
     said.push(...frame.interactions);
@@ -164,7 +169,7 @@ function drawCurves() {
 }
 
 function place() {
-  const frames = columns.map((column) => column.newest.frame);
+  const frames = columns.map((column) => column.frame);
   if (frames.every(Boolean)) charts.place(frames.map((frame) => frame.step), columns.map((_, k) => look(k)));
 }
 
@@ -187,7 +192,7 @@ function showClock() {
   }
   const into = clock.position - (aligned?.offsets[clock.segment] ?? 0);
   $("where").textContent = { learned: `step ${into} of the episode that shows what was learned`,
-    episode: `episode ${number(clock.segment + 1)}, step ${into}`, step: `time step ${number(columns[0]?.newest.frame?.step)}` }[clock.axis];
+    episode: `episode ${number(clock.segment + 1)}, step ${into}`, step: `time step ${number(columns[0]?.frame?.step)}` }[clock.axis];
   $("seek").ariaValueText = $("where").textContent;
   place();
   if (clock.state === "paused") requestAnimationFrame(() => { $("spoken").textContent = columns.map((column) => column.spoken ?? "").join(" "); });
@@ -214,6 +219,7 @@ const TAKE = {
     const longer = clock?.last !== message.last;
     clock = message;
     if (longer) columns.forEach((column) => column.mark());
+    columns.forEach((column) => column.show());
     showClock();
   },
   error({ text }) { $("said").textContent = text; },

@@ -15,14 +15,27 @@ const CURVES = [
 ];
 
 // The mean over robots, at each point over those that were there.
-const mean = (lines) => lines[0].map((_, i) => {
-  const values = lines.map((line) => line[i]).filter((v) => v !== null);
-  return values.length ? values.reduce((a, b) => a + b) / values.length : null;
-});
+const mean = (lines) => lines[0].map((_, i) => meanOf(lines.map((line) => line[i])));
+
+// The mean of the values that are known; null: none is.
+function meanOf(values) {
+  const known = values.filter((v) => v !== null);
+  return known.length ? known.reduce((a, b) => a + b) / known.length : null;
+}
+
+const COMPARED = 40; // the points of a curve of several runs: noise hides how they differ in more
+
+// Where groups of as many points begin as leave so few; the first group may be smaller.
+function groupsOf(count) {
+  const size = Math.max(1, Math.ceil(count / COMPARED));
+  return [...Array(count).keys()].filter((i) => i === 0 || (count - i) % size === 0);
+}
 
 export class Curves {
   constructor(element) {
-    this.charts = CURVES.map(([key, title, range]) => [key, new Chart(element, title, range)]);
+    // All charts show the values at the time step to which the pointer points in one.
+    const point = (step) => this.charts.forEach(([, chart]) => chart.read(step));
+    this.charts = CURVES.map(([key, title, range]) => [key, new Chart(element, title, range, point)]);
   }
 
   // The curves of the team; of robots: of two both, of more their mean and those that are shown.
@@ -42,12 +55,15 @@ export class Curves {
     }
   }
 
-  // Of several runs, each with its message, label and look: the means over the robots.
+  // Of several runs, each with its message, label and look: the means over the robots, and over neighbouring points.
   compare(runs) {
     for (const [key, chart] of this.charts) {
       chart.show(runs.filter(({ message }) => message).map(({ message, label, look }) => {
         const values = message[key] ?? [];
-        return { steps: message.step, values: Array.isArray(values[0]) ? mean(values) : values, label, look };
+        const team = Array.isArray(values[0]) ? mean(values) : values;
+        const begins = groupsOf(team.length);
+        const means = begins.map((begin, i) => meanOf(team.slice(begin, begins[i + 1])));
+        return { steps: begins.map((begin) => message.step[begin]), values: means, label, look };
       }));
     }
   }
