@@ -48,7 +48,12 @@ OPTIONS = (
         Path,
         "output directories of run or train; several are compared",
     ),
-    Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
+    Option(
+        "--trials",
+        TRIALS.parse,
+        f"{TRIALS.help} (default: {TRIALS.default}; of several runs each is evaluated exactly "
+        "where that is possible)",
+    ),
     Option(
         "--exact", bool, "compute exact values instead of trials (one or two robots)"
     ),
