@@ -22,8 +22,8 @@ def parse_yaml(text: str, **how: Any) -> dict[str, Any]:
     data = yaml_value(text, **how)
     if not isinstance(data, dict):
         error = how.get("error", ScenarioError)
-        kind = type(data).__name__
-        raise error(f"{how['where']}: must be 'key: value' lines, is {kind}")
+        said = "empty" if data is None else in_short(data)
+        raise error(f"{how['where']}: must be 'key: value' lines, is {said}")
     return data
 
 

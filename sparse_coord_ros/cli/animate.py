@@ -29,7 +29,7 @@ OPTIONS = (
         bool,
         "play a new episode on the learned tables; always so for a run without a bag",
     ),
-    SEED,
+    Option("--seed", SEED, "seed of new episodes (--greedy)"),
     RATE,
     pictures.out_option(KINDS),
     JSON,

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.game.scenario import SETTINGS
@@ -58,6 +59,8 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
+    if options.save is not None:
+        pictures.check_out(options.save, option="--save")
     entries = [entry for name in options.learners for entry in _entries(name)]
     settings = SETTINGS.parse(shared.settings_of(options))
     learners = [entry.learner for entry in entries if entry.learner]

@@ -13,7 +13,7 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.core.game.scenario import PAPER_MEASURES
+from sparse_coord_ros.core.game.scenario import PAPER_MEASURES, SETTINGS
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import (
     TRIALS,
@@ -25,6 +25,7 @@ from sparse_coord_ros.core.runs.evaluation import (
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import shipped
+from sparse_coord_ros.core.solve.shipped import GAME_SETTINGS
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
@@ -32,8 +33,6 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
 
 if TYPE_CHECKING:
     from sparse_coord_ros.core.solve.exact import ExactEvaluation
-
-PAPER_PENALTY = -20.0
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -48,7 +47,12 @@ OPTIONS = (
         Path,
         "output directories of run or train; several are compared",
     ),
-    Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
+    Option(
+        "--trials",
+        TRIALS.parse,
+        f"{TRIALS.help} (default: {TRIALS.default}; of several runs each is evaluated exactly "
+        "where that is possible)",
+    ),
     Option(
         "--exact", bool, "compute exact values instead of trials (one or two robots)"
     ),
@@ -169,8 +173,10 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
 
 
 def paper_row(run: RunConfig) -> dict:
-    """Return the paper's numbers for this run's learner; none for another game."""
-    same = run.scenario.penalty == PAPER_PENALTY
+    """Return the paper's numbers for this run's learner; none if the game is not the paper's."""
+    defaults = SETTINGS.defaults()
+    papers = {name: defaults[name] for name in (*GAME_SETTINGS, "horizon")}
+    same = all(getattr(run.scenario, name) == value for name, value in papers.items())
     return dict(run.scenario.paper.get(run.learner, {})) if same else {}
 
 

@@ -59,5 +59,6 @@ def execute(options: argparse.Namespace) -> None:
     print(f"written: {said}, {picture}")
     if grid.doorways:
         print(
-            f"note: map_server knows no doorways; {len(grid.doorways)} cells are plain free cells"
+            f"note: map_server knows no doorways; written as free cells: "
+            f"{grid.doorways_in_words}"
         )

@@ -9,7 +9,15 @@ from pathlib import Path
 
 from sparse_coord_ros.base.errors import MapError, SettingError, in_short
 from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, write
-from sparse_coord_ros.cli.options import JSON, PAGE, Option, changes, tell
+from sparse_coord_ros.cli.options import (
+    JSON,
+    PAGE,
+    PAGE_NAMES,
+    Option,
+    allowed_with,
+    changes,
+    tell,
+)
 from sparse_coord_ros.core.game.grid import FURTHEST
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
@@ -108,6 +116,7 @@ def execute(options: argparse.Namespace) -> None:
         SETTINGS.parse(parse_assignments(options.assignments))
         serve(options)
         return
+    allowed_with(options, "--page", PAGE_NAMES)
     plan = read_floor_plan(options.map)
     missing = [
         f"--{one}" for one in ("cell", "radius") if getattr(options, one) is None

@@ -24,8 +24,11 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    grids = [map_of(name) for name in ([options.name] if options.name else map_names())]
-    if options.name:
+    grids = [
+        map_of(name)
+        for name in ([options.name] if options.name is not None else map_names())
+    ]
+    if options.name is not None:
         text = _in_words(grids[0])
     else:
         rows = [

@@ -6,12 +6,12 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import (
     JSON,
     SEED,
     Option,
+    allowed_with,
     scenario_of,
     scenario_options,
     tell,
@@ -76,9 +76,7 @@ def execute(options: argparse.Namespace) -> None:
     if options.asking:
         _search(options, scenario)
         return
-    for name in OF_THE_SEARCH:
-        if getattr(options, name) is not None:
-            raise SettingError(f"--{name}: allowed with --class only; add --class")
+    allowed_with(options, "--class", OF_THE_SEARCH)
     optimum = joint_optimum(scenario)
     bound = upper_bound(scenario)
     paths = shortest_path_reference(scenario)

@@ -13,7 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.base.errors import RunError, in_line, needed
+from sparse_coord_ros.base.errors import RunError, SettingError, in_line, needed
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.learners.registry import LEARNERS
@@ -79,6 +79,8 @@ def add_options(
         elif isinstance(one.kind, Setting):
             how |= {"type": one.kind.parse, "default": one.kind.default}
             how["required"] = one.kind.default is None
+        elif one.kind is Path:
+            how["type"] = _path
         elif one.kind is not None:
             how["type"] = one.kind
         how |= one.more
@@ -99,6 +101,12 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
+def _path(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("is empty: give a path")
+    return Path(text)
+
+
 BAG = Option("bag BAG", _bag, "a run or bag directory, or a bag file")
 JSON = Option("--json", bool, "print the result as JSON")
 SEED = RUN_SETTINGS["seed"]
@@ -107,6 +115,9 @@ PAGE = (
     Option("--browser", bool, "open the page in the browser"),
 )
 """The options of the page's address."""
+
+PAGE_NAMES = (*PAGE_SETTINGS, "browser")
+"""Their names in the namespace."""
 
 WATCH = (
     Option(
@@ -182,21 +193,47 @@ def nothing_else_given(options: argparse.Namespace) -> None:
         if getattr(options, name, None) != options.parser.get_default(name)
     ]
     if given:
-        remedy = f"leave it out: sparse_coord {options.verb} --resume {options.resume}"
+        what = "it" if len(given) == 1 else "them"
+        remedy = (
+            f"leave {what} out: sparse_coord {options.verb} --resume {options.resume}"
+        )
         raise RunError(
             f"{', '.join(given)} cannot change a run that is resumed; {remedy}"
         )
+
+
+def allowed_with(
+    options: argparse.Namespace, partner: str, names: Iterable[str]
+) -> None:
+    """Refuse options that do nothing without another one.
+
+    Args:
+        options: of the verb; the other option is not among them.
+        partner: the other option, as the user writes it.
+        names: the options' names in the namespace.
+
+    Raises:
+        SettingError: one of them is given.
+    """
+    for name in names:
+        if getattr(options, name) != options.parser.get_default(name):
+            shown = f"--{name.replace('_', '-')}"
+            raise SettingError(f"{shown}: allowed with {partner} only; add {partner}")
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, str]:
     """Return the scenario settings that the options change.
 
     Raises:
-        SettingError: a --set without '='.
+        SettingError: a --set without '='; a setting that another option changes, too.
     """
     values = parse_assignments(options.assignments)
     for name in ("penalty", "steps"):
         if getattr(options, name, None) is not None:
+            if name in values:
+                raise SettingError(
+                    f"setting {name}: given by --{name} and by --set; give one of them"
+                )
             values[name] = getattr(options, name)
     return values
 

@@ -26,9 +26,11 @@ OPTIONS = (
         "--what",
         None,
         "plots of a run: policy, asks (where robots ask), sparsity (of Q^C), curves (of "
-        "learning), length (of episodes), percepts (how questions ended; needs a bag); plots "
-        "of results: conditions, asks, or the name of an experiment; separate several by "
-        "commas (default: all)",
+        "learning), coordination (its curves of miscoordinations and questions), length (its "
+        "curve of the episodes' lengths), percepts (how questions ended; needs a bag); several "
+        "with commas between; a plot of results: conditions, asks, or the name of an experiment "
+        "(default: conditions of results; of runs all that they have, curves in place of "
+        "coordination and length)",
     ),
     DPI,
     pictures.out_option(pictures.KINDS),
@@ -50,6 +52,8 @@ def execute(options: argparse.Namespace) -> None:
             what, figure = results_figure(options.sources[0], options.what, say)
         else:
             runs = [open_run(path, say) for path in options.sources]
+            for one in runs:
+                _ = one.config  # refused before its parts are looked for
             whats = figures.parse_whats(options.what, runs)
             what = ",".join(whats)
             figure = figures.runs_figure(runs, whats)

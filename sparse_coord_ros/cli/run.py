@@ -71,6 +71,7 @@ def execute(options: argparse.Namespace) -> int | None:
     with shared.ros_needed("sparse_coord train"):
         import rclpy  # noqa: F401
     if not options.watch:
+        shared.allowed_with(options, "--watch", shared.PAGE_NAMES)
         return _run(options, *_begin(options))
     from sparse_coord_ros.cli import page
     from sparse_coord_ros.ros.nodes.spin import signals

@@ -47,14 +47,14 @@ def execute(options: argparse.Namespace) -> None:
         of_each[one.robot][one.step] = one.tables
     common = sorted(set.intersection(*(set(known) for known in of_each)))
     said: dict[str, Any] = {"bag": options.bag, "steps": common}
-    lines = [str(step) for step in common] or ["no tables of all robots of one step"]
+    there = ", ".join(map(str, common)) or "none"
+    lines = [f"time steps with tables of all robots: {there}"]
     if options.out is not None:
         step = options.step
         if step not in common:
-            known = ", ".join(map(str, common)) or "none"
             raise RunError(
                 f"{options.bag}: holds no tables of all robots of time step {step}; there are "
-                f"those of: {known}"
+                f"those of: {there}"
             )
         out = create_output(options.out)
         save_team(out, [known[step].memory for known in of_each])

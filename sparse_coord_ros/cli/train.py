@@ -97,6 +97,7 @@ ENGINE_WORDS = {"numba": "compiled by numba", "python": "plain Python"}
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     if not options.watch:
+        shared.allowed_with(options, "--watch", shared.PAGE_NAMES)
         learn(options, *begin(options))
         return
     from sparse_coord_ros.cli import page

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.cli.options import PAGE, Option, ros_needed
+from sparse_coord_ros.cli.options import PAGE, Option, allowed_with, ros_needed
 from sparse_coord_ros.cli.page import ending, served
 from sparse_coord_ros.core.game.settings import Setting
 
@@ -42,7 +42,7 @@ OPTIONS = (
     Option(
         "--until-closed",
         bool,
-        "with bags: end when the page is closed in the browser",
+        "with BAG: end when the page is closed in the browser",
     ),
     *PAGE,
 )
@@ -51,6 +51,7 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int | None:
     """Run the verb."""
     if not options.bags:
+        allowed_with(options, "BAG", ("rate", "step", "until_closed"))
         return _live(options)
     from sparse_coord_ros.show.page.bag_source import BagSource
     from sparse_coord_ros.show.page.message_board import MessageBoard

@@ -28,7 +28,7 @@ from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
-from sparse_coord_ros.core.game.scenario import PROTOCOL, Scenario
+from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting, as_text
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
 from sparse_coord_ros.core.runs.run_config import load_run
@@ -370,10 +370,11 @@ def entry_of(given: "LearnerLike | Entry", settings: Mapping[str, object]) -> En
         name = chosen_learner(given).label
         given = Entry(name, name)
     changed = {**(given.settings or {}), **settings}
-    unknown = [name for name in changed if name not in CHANGEABLE]
-    if unknown:
+    SETTINGS.parse(changed)
+    fixed = [name for name in changed if name not in CHANGEABLE]
+    if fixed:
         raise SettingError(
-            f"benchmark: with {', '.join(unknown)} another game would be played, and its "
+            f"benchmark: with {', '.join(fixed)} another game would be played, and its "
             "bounds are unknown; change settings of learning only"
         )
     if given.learner:
@@ -458,6 +459,10 @@ class Judge:
                 if game_digest(run.scenario) == digest
             ]
             if not own:
+                self.how["say"](
+                    f"{entry.runs}: holds no team of {item.scenario}, penalty {PENALTY:g}; its "
+                    "list is not judged"
+                )
                 return ()
             returns = tuple(one.returns.mean for one in own)
             failed = sum(one.all_arrived < ARRIVE for one in own)
@@ -586,7 +591,8 @@ def benchmark(
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Raises:
-        SettingError: no such learner or list; a setting that changes the game.
+        SettingError: no learner; an unknown learner, list or setting; a setting that changes the
+            game.
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     given = isinstance(lists, Sequence) and not isinstance(lists, str)
@@ -594,6 +600,8 @@ def benchmark(
     asked = items_of(list(lists))
     many = isinstance(learners, Iterable) and not isinstance(learners, str)
     named: list[Any] = list(learners) if many else [learners]  # type: ignore[arg-type]
+    if not named:
+        raise SettingError("benchmark: no learner is given; name one, e.g. 'factored'")
     entries = [entry_of(one, settings) for one in named]
     how = {
         "engine": engine,
@@ -603,7 +611,12 @@ def benchmark(
         "say": say,
     }
     judge = Judge(
-        steps, TEAM_RUNS.parse(runs), TEAM_TRIALS.parse(trials), seed, out, how
+        SETTINGS["steps"].parse(steps),
+        TEAM_RUNS.parse(runs),
+        TEAM_TRIALS.parse(trials),
+        seed,
+        out,
+        how,
     )
     places = [
         judge.place(entry, name, items)

@@ -70,6 +70,15 @@ def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     assert data["optimum_exact"] is True
 
 
+@pytest.mark.parametrize(
+    "setting", ["goal_reward=9", "move_success=0.5", "interactions=swap", "horizon=50"]
+)
+def test_another_game_is_not_compared_with_the_paper(sparse_coord, trained, setting):
+    trained("env1", "--set", setting)
+    out = sparse_coord("evaluate", "a", "--trials", 5)[1]
+    assert "paper" not in out
+
+
 def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
     trained("env1", "--penalty", "-100")
     data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])

@@ -131,7 +131,7 @@ def test_advice_where_robots_do_not_arrive(sparse_coord, settings, words):
     arguments = ("--steps", 50, "--trials", 20, *options)
     code, out, _ = sparse_coord("train", "env1", *arguments, "--out", "a")
     assert code == 0
-    assert "of the trials some robot did not arrive." in out
+    assert "of the episodes some robot did not arrive." in out
     assert [word for word in words if word not in out] == []
 
 

@@ -100,7 +100,7 @@ def test_what_is_not_opaque_is_unknown(saved):
         ),
         ({"resolution": float("nan")}, "setting resolution: value is nan"),
         ({"resolution": "left out"}, "setting resolution: value is None"),
-        ({"image": "left out"}, "setting image: value is None"),
+        ({"image": "left out"}, "field 'image' is missing"),
         ({"image": ["m.pgm"]}, "setting image: value is"),
         ({"image": "n.pgm"}, "n.pgm: no such image"),
         ({"image": "m.yaml"}, "cannot be read as an image (its format is unknown)"),

@@ -483,6 +483,10 @@ def load_scenario(
         )
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")
+        if shipped is None and path.is_dir():
+            raise ScenarioError(
+                f"scenario {name!r}: is a folder; give the path of a scenario file"
+            )
         if shipped is None:
             raise ScenarioError(
                 f"scenario {name!r}: no such scenario{did_you_mean(name, scenario_names())}; give "

@@ -407,6 +407,12 @@ def load_run(directory: Path) -> RunConfig:
         raise RunError(
             f"{directory}: is no run; it holds these runs, give one of them: {runs}"
         )
+    if directory.exists() and not path.exists():
+        run = next(
+            (one for one in directory.parents if (one / RUN_FILE).exists()), None
+        )
+        if run is not None:
+            raise RunError(f"{directory}: is no run, but in one; give {run}")
     remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
     text = read_text(path, SCENARIO, RunError, remedy)
     return run_from_yaml(text, where=str(path))

@@ -73,7 +73,7 @@ def last_word(
             cure = "--learner factored or more steps"
         return Verdict(
             LOST,
-            f"In {missed:.1%} of the trials some robot did not arrive. Try {cure}.",
+            f"In {missed:.1%} of the episodes some robot did not arrive. Try {cure}.",
         )
     alone = independent_bound(scenario)
     ignoring = shortest_path_reference(scenario)

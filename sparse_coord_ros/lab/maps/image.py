@@ -115,6 +115,10 @@ def read_floor_plan(path: Path) -> FloorPlan:
         raise MapError(
             f"{path}: is a scenario already, not the map of a building; {remedy}"
         )
+    if "image" not in said:
+        raise MapError(
+            f"{path}: field 'image' is missing; give the YAML file that belongs to a map's image"
+        )
     with retold(MapError, SettingError, f"{path}"):
         data = {
             name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()

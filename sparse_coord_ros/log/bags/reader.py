@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.errors import BagError, check_format
-from sparse_coord_ros.core.runs.run_config import RUN_RECORD
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD
 from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
 from sparse_coord_ros.log.bags.gaps import Gap
 from sparse_coord_ros.log.bags.layout import PARTIAL
@@ -370,6 +370,11 @@ def bag_files(path: Path) -> list[Path]:
             raise BagError(f"{problem}: name one, or move it to another directory")
         if files:
             return sorted(files, key=stem_and_number)
+    if (path / RUN_FILE).is_file():
+        raise BagError(
+            f"{path} holds a run without a bag; 'sparse_coord run' records one, 'train' and "
+            "--no-record do not"
+        )
     remedy = "give a bag's directory or its file"
     raise BagError(f"{path} is not a bag: it has no .mcap file; {remedy}")
 
