@@ -13,6 +13,7 @@ from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
     any_together,
     as_lists,
+    can_miscoordinate,
     ends_of_two,
     help_given,
     help_of_two,
@@ -142,6 +143,23 @@ def test_a_narrow_cell_holds_one_robot(before, wanted, after, partners):
     found = [interacting(as_lists(inter), before, wanted, after, TEAM, k) for k in TEAM]
     assert found == partners
     assert not miscoordinate(as_lists(inter), before, after, TEAM)
+
+
+@pytest.mark.parametrize(
+    ("interactions", "text", "can"),
+    [
+        ("together", "1.DD2", True),
+        ("together", "1...2", False),
+        ("together:anywhere", "1...2", True),
+        ("swap", "1...2", True),
+        ("block", "1.DD2", False),
+        ("block:anywhere", "1.DD2", False),
+        ("help:20", "1HH.2", False),
+        ("swap+help:20", "1HH.2", True),
+    ],
+)
+def test_where_nobody_pays_nobody_miscoordinates(interactions, text, can):
+    assert can_miscoordinate(corridor(interactions, text)) is can
 
 
 def test_robots_may_go_around_in_a_circle():

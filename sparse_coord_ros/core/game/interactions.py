@@ -88,8 +88,12 @@ def interactions_of(scenario: Scenario) -> Interactions:
 def can_interact(scenario: Scenario) -> bool:
     """Return whether there is any cell in which robots interact."""
     inter = interactions_of(scenario)
-    couples = inter.swaps or inter.blocks or inter.helps
-    return couples or bool((inter.places != NOWHERE).any())
+    return inter.blocks or inter.helps or can_miscoordinate(inter)
+
+
+def can_miscoordinate(inter: Interactions) -> bool:
+    """Return whether there is any cell in which robots miscoordinate: whether any pays r^C."""
+    return inter.swaps or bool((inter.places != NOWHERE).any())
 
 
 def only_together(inter: Interactions) -> bool:

@@ -93,7 +93,7 @@ class Member:
             what = (
                 f"continues from its checkpoint of step {step}"
                 if step
-                else "has no checkpoint"
+                else "has no checkpoint and begins anew"
             )
             node.get_logger().info(f"{self._name} {what}")
         self._step_filter = StepFilter()

@@ -15,6 +15,7 @@ from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.core.game.game import Game
+from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.run_config import RUN_FILE
@@ -445,11 +446,13 @@ class WorldSimulator(ParameterNode):
         self._say()
         if moved and (self.done or now - self._told >= PROGRESS_SECONDS):
             self._told = now
-            self.get_logger().info(
+            line = (
                 f"{world.transitions / run.scenario.steps:4.0%}  {world.transitions} of "
-                f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}, "
-                f"{world.miscoordinations} miscoordinations"
+                f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}"
             )
+            if can_miscoordinate(interactions_of(run.scenario)):
+                line += f", {world.miscoordinations} miscoordinations"
+            self.get_logger().info(line)
         self._show()
 
 

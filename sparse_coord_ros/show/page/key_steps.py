@@ -10,6 +10,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
+    can_miscoordinate,
     interactions_of,
     miscoordinations,
 )
@@ -46,7 +47,9 @@ from sparse_coord_ros.show.steps import (
 def kinds_of(scenario: Scenario) -> list[str]:
     """Return the kinds of key steps that a scenario can have."""
     inter = interactions_of(scenario)
-    kinds = [QUESTION, MISCOORDINATION, POLICY, CROSSING]
+    kinds = [QUESTION, POLICY]
+    kinds += [MISCOORDINATION] if can_miscoordinate(inter) else []
+    kinds += [CROSSING] if scenario.map.doorways else []
     kinds += [EXCHANGE] if inter.swaps else []
     kinds += [STOPPED] if inter.blocks else []
     return kinds

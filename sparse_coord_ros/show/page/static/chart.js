@@ -26,7 +26,8 @@ export class Chart {
     this.value = html("p");
     this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over time steps` });
     this.value.className = "value";
-    holder.append(html("section", { className: "chart" }, html("h2", {}, title), this.value, this.picture));
+    this.section = html("section", { className: "chart" }, html("h2", {}, title), this.value, this.picture);
+    holder.append(this.section);
     this.picture.addEventListener("pointermove", (event) => point(this.under(event)));
     this.picture.addEventListener("pointerleave", () => point(null));
   }

@@ -68,6 +68,12 @@ export class Curves {
     }
   }
 
+  // Whether robots can miscoordinate; else there is no curve of it.
+  begin(canMiscoordinate) {
+    const of = new Map(this.charts);
+    of.get("miscoordinations").section.hidden = !canMiscoordinate;
+  }
+
   // Where the shown time steps lie.
   place(steps, looks) {
     for (const [, chart] of this.charts) chart.place(steps, looks);

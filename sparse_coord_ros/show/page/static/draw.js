@@ -77,7 +77,8 @@ export function showKeys() {
 // What a run is about, without its learner.
 export function about(run) {
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  return `${team}, penalty ${run.penalty}, perception: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
+  const penalty = run.kinds.includes("miscoordination") ? `penalty ${run.penalty}, ` : "";
+  return `${team}, ${penalty}perception: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
 }
 
 // Dark where the page is light, and the other way round.

@@ -104,6 +104,7 @@ function begin() {
   const rates = run.source === "bag" ? RATES : [...RATES, 0];
   $("rate").replaceChildren(...rates.map((r) => new Option(r ? `${number(r)} steps/s` : "as fast as it goes", r)));
   for (const [kind, { lane }] of Object.entries(lanes)) lane.row.hidden = !run.kinds.includes(kind);
+  charts.begin(run.kinds.includes("miscoordination"));
   $("penalty").value = run.penalty;
   $("scenario").value = run.scenario;
   showControls();
@@ -138,11 +139,13 @@ function legend() {
   const first = tinted(run.robots[0].colour);
   $("legend").replaceChildren(
     ask("answered", "asks, is answered"), ask("refused", "is refused"), ask("failed", "no answer"),
-    item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })),
     item("would ask here", svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })),
     item(html("span", { id: "asked-where" }), svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
     item("never visited", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
-    item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
+    item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")));
+  if (run.map.doorways.length) $("legend").append(
+    item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })));
+  if (run.kinds.includes("miscoordination")) $("legend").append(
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
   if (run.map.helps.length) $("legend").append(
     item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help" })),
