@@ -180,7 +180,9 @@ class Narrator:
             told.append(f"{self.names[k]} and {self.names[j]} exchange their cells.")
         for k in sorted({one[0] for one in found.stopped}):
             told.append(f"{self.names[k]} stays: {self._in_the_way(k, found)}.")
-        helping = [self.names[k] for k, cell in enumerate(after) if cell in found.helped]
+        helping = [
+            self.names[k] for k, cell in enumerate(after) if cell in found.helped
+        ]
         if helping:
             told.append(f"{_listed(helping)} help each other.")
         return told

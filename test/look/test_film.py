@@ -175,7 +175,12 @@ def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
 
 def test_every_colour_is_in_the_palette():
     palette = np.array(films.film_palette().getpalette()).reshape(-1, 3)
-    for colour in (*ROBOT_COLOURS, *OUTCOME_COLOURS.values(), DOORWAY_COLOUR, HELP_COLOUR):
+    for colour in (
+        *ROBOT_COLOURS,
+        *OUTCOME_COLOURS.values(),
+        DOORWAY_COLOUR,
+        HELP_COLOUR,
+    ):
         assert np.abs(palette - np.array(rgb(colour)) * 255).max(axis=1).min() <= 1
 
 

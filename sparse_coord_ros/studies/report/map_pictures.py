@@ -48,8 +48,7 @@ def draw_map(
     label_size: float = 6,
     label_height: float = 0.5,
 ) -> None:
-    """Draw cells, doorways (framed), help places (framed by dots, with an H where robots can help
-    each other), and starts (S) and goals (G) with their robots' numbers.
+    """Draw cells, doorways (framed), help places (H), and starts (S) and goals (G) of robots.
 
     Args:
         axes: where to draw; a cell is a unit square, row 0 on top.
