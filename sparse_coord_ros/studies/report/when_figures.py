@@ -132,7 +132,7 @@ def _figure(
     upper.set_ylim(-0.1, most)
     upper.set_ylabel("questions of a robot\nin an episode")
     lower.set_ylim(LOWEST_SHARE, 1.08)
-    lower.set_ylabel("share of the gap\nto the joint optimum")
+    lower.set_ylabel("share of the gap")
     lower.yaxis.set_major_formatter(PercentFormatter(1.0))
     lower.axhline(0.0, color="black", linewidth=0.8)
     lower.set_xlabel(XLABELS[x])
