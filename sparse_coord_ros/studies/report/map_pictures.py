@@ -90,7 +90,7 @@ def draw_map(
                 inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY_COLOUR, linewidth=1.8
             )
         )
-    for x in np.flatnonzero(interactions_of(scenario).posts):
+    for x in np.flatnonzero(interactions_of(scenario).posts).tolist():
         row, column = grid.cells[x]
         inner = (left + column + 0.06, top + row + 0.06)
         frame = Rectangle(inner, 0.88, 0.88, fill=False, edgecolor=HELP_COLOUR)
