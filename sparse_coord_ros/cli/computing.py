@@ -43,7 +43,7 @@ def computing_of(options: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names}
 
 
-COMPILING = "compiling the learner, once per machine, about 12 s"
+COMPILING = "compiling the learner, once per machine, about 15 s"
 """The reason of a first run's wait."""
 
 

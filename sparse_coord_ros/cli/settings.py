@@ -32,7 +32,7 @@ GROUPS = ("scenario", "questions", "protocol", "run", "drive", "learners")
 EXAMPLE = "sparse_coord settings\n  sparse_coord settings link starts"
 
 
-class Entry(NamedTuple):
+class Described(NamedTuple):
     """A setting, or a learner.
 
     Attributes:
@@ -81,7 +81,7 @@ def execute(options: argparse.Namespace) -> None:
     tell(options, facts, "\n\n".join(parts))
 
 
-def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
+def groups() -> Iterator[tuple[str, str, dict[str, Described]]]:
     """Yield name, title and entries of each group, in the order of the output."""
     by_hand = "--set NAME=VALUE; in a scenario file; ROS parameters of the world"
     others = [name for name in SETTINGS if name not in (*DIALOGUE_SETTINGS, *PROTOCOL)]
@@ -110,11 +110,11 @@ def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
     yield "learners", "Learners (--learner NAME)", learners
 
 
-def _entries(settings: Iterable[Setting]) -> dict[str, Entry]:
+def _entries(settings: Iterable[Setting]) -> dict[str, Described]:
     return {one.name: _setting(one) for one in settings}
 
 
-def _setting(one: Setting) -> Entry:
+def _setting(one: Setting) -> Described:
     default = one.default if one.default not in ("", [""]) else "none"
     said = f"{default:g}" if isinstance(default, float) else str(default)
     said = said.lower() if isinstance(default, bool) else said
@@ -133,17 +133,17 @@ def _setting(one: Setting) -> Entry:
         **{name: getattr(one, name) for name in names},
         "forms": facts,
     }
-    return Entry([f"{said}   [{one.allowed}]", one.help], lines, plain)
+    return Described([f"{said}   [{one.allowed}]", one.help], lines, plain)
 
 
-def _learner(one: Learner) -> Entry:
+def _learner(one: Learner) -> Described:
     own = ", ".join(f"{key}={value}" for key, value in one.defaults.items())
     lines = [one.summary, *[f"defaults of its own: {own}"] * bool(own)]
     names = ("title", "summary", "asks", "alone", "defaults")
-    return Entry(lines, [], {name: getattr(one, name) for name in names})
+    return Described(lines, [], {name: getattr(one, name) for name in names})
 
 
-def lines_of(entries: dict[str, Entry], *, forms: bool) -> Iterator[str]:
+def lines_of(entries: dict[str, Described], *, forms: bool) -> Iterator[str]:
     """Write entries, their names first, with or without the forms of their values."""
     indent = max(len(name) for name in entries) + 2
     for name, one in entries.items():

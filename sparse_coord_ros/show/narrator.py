@@ -11,7 +11,7 @@ import numpy as np
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
-from sparse_coord_ros.core.game.interactions import help_given, interactions_of
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
@@ -180,22 +180,12 @@ class Narrator:
             told.append(f"{self.names[k]} and {self.names[j]} exchange their cells.")
         for k in sorted({one[0] for one in found.stopped}):
             told.append(f"{self.names[k]} stays: {self._in_the_way(k, found)}.")
-        helping = self._helping(seen)
-        if helping:
-            told.append(f"{_listed([self.names[k] for k in helping])} help each other.")
-        return told
-
-    def _helping(self, seen: TeamTransition) -> list[int]:
-        """Return the robots in help places after a step that is help, else no robot."""
-        if not self._interactions.helps or seen.after is None or None in seen.after:
-            return []
-        if None in seen.cells:
-            return []
-        if not help_given(self._interactions, seen.cells, seen.after):
-            return []
-        return [
-            k for k, cell in enumerate(seen.after) if self._interactions.posts[cell]
+        helping = [
+            self.names[k] for k, cell in enumerate(after) if cell in found.helped
         ]
+        if helping:
+            told.append(f"{_listed(helping)} help each other.")
+        return told
 
     def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
         """Return a sentence: the robots that are together in some cells."""

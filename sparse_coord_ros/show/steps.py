@@ -13,6 +13,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
     exchanged,
+    help_given,
     interactions_of,
     miscoordinations,
     stops,
@@ -112,14 +113,17 @@ class Interacting(NamedTuple):
         exchanges: pairs of robots that exchange their cells.
         stopped: robots that try to enter a cell and stay: the robot, the robot in its way, and the
             cell.
+        helped: the help places in which robots help each other, ascending; empty unless the step
+            is paid as help.
     """
 
     together: tuple[int, ...]
     exchanges: tuple[tuple[int, int], ...]
     stopped: tuple[tuple[int, int, int], ...]
+    helped: tuple[int, ...]
 
 
-NOT_INTERACTING = Interacting((), (), ())
+NOT_INTERACTING = Interacting((), (), (), ())
 
 
 def interacting_in(
@@ -132,11 +136,16 @@ def interacting_in(
         next_cell: where each move leads, as of `GridMap`.
         seen: the time step.
     """
-    can_be_stopped = inter.blocks and seen.after is not None
-    if seen.after is None or not (seen.miscoordination or can_be_stopped):
+    if seen.after is None:
+        return NOT_INTERACTING
+    if not (seen.miscoordination or inter.blocks or inter.helps):
         return NOT_INTERACTING
     before = _column(seen.cells)
     after = _column(seen.after)
+    helped: tuple[int, ...] = ()
+    if help_given(inter, before, after)[0]:
+        taken = {cell for cell in seen.after if cell is not None}
+        helped = tuple(sorted(cell for cell in taken if inter.posts[cell]))
     moves = _column([None if one is None else one.move for one in seen.actions])
     stopped = stops_in(inter, next_cell, before, moves, after)
     blocked = []
@@ -144,14 +153,14 @@ def interacting_in(
         if found[0]:
             blocked.append((k, j, int(next_cell[before[k, 0], moves[k, 0]])))
     if not seen.miscoordination:
-        return Interacting((), (), tuple(blocked))
+        return Interacting((), (), tuple(blocked), helped)
     shared = set()
     for x, y in combinations([cell for cell in seen.after if cell is not None], 2):
         if together(inter.places[x], inter.places[y]):
             shared |= {x, y}
     exchanges = exchanges_in(inter, before, after)
     pairs = tuple((k, j) for k, j, found in exchanges if found[0])
-    return Interacting(tuple(sorted(shared)), pairs, tuple(blocked))
+    return Interacting(tuple(sorted(shared)), pairs, tuple(blocked), helped)
 
 
 def _column(values: Sequence[int | None]) -> np.ndarray:

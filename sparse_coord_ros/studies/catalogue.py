@@ -245,7 +245,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
     "figure4": ("Figure 4: return against the penalty", _figure4),
     "penalty100": (
-        "Penalty -100, 10^5 steps: share of the gap that is closed",
+        "Penalty -100, 10^5 steps: share of the gain over Non-coop. that is reached",
         lambda: _every(PAYING_PAIRS, {"learner": REPORTED_LEARNERS}, LONG),
     ),
     "ask_cost": ("Cost of COORDINATE", _ask_cost),

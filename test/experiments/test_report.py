@@ -424,7 +424,7 @@ def test_worth_it_means_also_worth_more_than_robots_that_cannot_ask():
         for one in experiment("ask_cost").conditions
     }
     line = row_of(section("ask_cost", changes).table, scenario="env2-2r")
-    assert line["worth it up to"] == "7", "at 10 it earns what Non-coop. does"
+    assert line["pays up to a cost of"] == "7", "at 10 it earns what Non-coop. does"
     assert (line["Non-coop."], line["shortest paths"]) == ("102.00 (0.00)", "90.00")
 
 
@@ -438,7 +438,7 @@ def test_worth_it_up_to_a_cost_means_at_every_lower_cost():
         is_good = one.learner == "coop" and one.scenario.ask_cost in good_at[one.name]
         changes[one.id] = {**(good if is_good else bad), "reference": shortest}
     table = section("ask_cost", changes).table
-    assert table["worth it up to"].fillna("-").tolist() == ["1", "-", "0"]
+    assert table["pays up to a cost of"].fillna("-").tolist() == ["1", "-", "0"]
 
 
 def test_uneven_penalties_robot_by_robot():

@@ -64,7 +64,7 @@ def test_a_point():
     assert point["line"] == FACTORED and point["robots"] == 2
     assert point["ratio"] == pytest.approx(33.857 / 2, abs=1e-3)
     assert point["undiscounted"] == pytest.approx(50 * paths.miscoordinations)
-    assert point["gap"] == point["worth"] == pytest.approx(27.96 / 2, abs=5e-3)
+    assert point["gap"] == point["relative_gain"] == pytest.approx(27.96 / 2, abs=5e-3)
     assert point["gained"] == pytest.approx(7.0)
     assert (point["failed"], point["teams"], point["half"]) == (1, 4, 1.0)
     assert not point["avoidable"]
@@ -97,7 +97,7 @@ def test_lines(result, line):
 def test_failing_answers_count_twice_in_what_a_gain_is_worth():
     result = learned("env1", perception="probability:0.5")
     point = points([result]).iloc[0]
-    assert point["worth"] == pytest.approx(point["gap"] / 4)
+    assert point["relative_gain"] == pytest.approx(point["gap"] / 4)
 
 
 def test_a_pair_of_factored_stands_beside_asking_always_and_the_best_asking_team():
@@ -115,7 +115,12 @@ def made_points(rows):
     names = ("scenario", "ratio", "questions", "gained", "gap")
     data = pd.DataFrame(rows, columns=names)
     return data.assign(
-        line=FACTORED, avoidable=False, failed=0, teams=4, half=1.0, worth=data["gap"]
+        line=FACTORED,
+        avoidable=False,
+        failed=0,
+        teams=4,
+        half=1.0,
+        relative_gain=data["gap"],
     )
 
 

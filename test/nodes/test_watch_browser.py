@@ -169,7 +169,7 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
 
 
 QUIET = {"miscoordination": False, "interactions": []}
-QUIET |= {"together": [], "exchanges": [], "stopped": []}
+QUIET |= {"together": [], "exchanges": [], "stopped": [], "helped": []}
 """Of a frame in which robots do not interact."""
 
 

@@ -471,7 +471,7 @@ def step_all(
         observe(games, i, shown, infos)
 
 
-class Loops(NamedTuple):
+class GameLoops(NamedTuple):
     """The loops, ready to be called."""
 
     first_refused: Callable[..., int]
@@ -479,11 +479,11 @@ class Loops(NamedTuple):
     step_all: Callable[..., None]
 
 
-PLAIN = Loops(first_refused, begin_all, step_all)
+PLAIN = GameLoops(first_refused, begin_all, step_all)
 """The loops as plain Python."""
 
 
 @functools.cache
-def loops() -> Loops:
+def loops() -> GameLoops:
     """Return the loops, compiled where numba is installed; they compile when first called."""
-    return Loops(*jit(PLAIN)) if has_numba() else PLAIN
+    return GameLoops(*jit(PLAIN)) if has_numba() else PLAIN

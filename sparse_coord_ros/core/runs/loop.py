@@ -46,8 +46,8 @@ from sparse_coord_ros.core.learners.rules import (
 )
 
 STEP, EPISODE_START, DONE, PLACED, END = range(5)
-"""Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
-whether the episode has begun, the step at which the loop is to look up."""
+"""Entries of `GameState.clock`: time step, first step of the episode, transitions (or trials)
+done, whether the episode has begun, the step at which the loop is to look up."""
 
 RETURN, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
@@ -121,7 +121,7 @@ def task_of(rule: Rule, k: int) -> Task:
     return task
 
 
-class Game(NamedTuple):
+class GameState(NamedTuple):
     """A game in progress: the clock, each robot's cell, and whether it has arrived."""
 
     clock: Any
@@ -162,7 +162,7 @@ class State(NamedTuple):
     """
 
     rule: Rule
-    game: Game
+    game: GameState
     choice: Choices
     draws: Any
     stop: Any

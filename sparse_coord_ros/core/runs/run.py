@@ -229,7 +229,7 @@ class Team:
                 position.step,
             )
             cells = np.array(position.cells, dtype=INDEX)
-            game = loop.Game(np.array(clock), cells, np.array(arrived))
+            game = loop.GameState(np.array(clock), cells, np.array(arrived))
             chosen = np.zeros((4, team), dtype=INDEX)
             chosen[0] = cells
             choice = loop.Choices(
@@ -242,7 +242,7 @@ class Team:
             )
         else:
             draws = PlainDraws(self.scenario, seed, phase)
-            game = loop.Game(clock, list(position.cells), arrived)
+            game = loop.GameState(clock, list(position.cells), arrived)
             choice = loop.Choices(
                 cells=list(position.cells),
                 actions=[0] * team,
@@ -557,7 +557,7 @@ def history_of(record: loop.Record, robots: int, members: Any) -> History:
     return History(**fields, present=present)
 
 
-def _position(game: loop.Game) -> Position:
+def _position(game: loop.GameState) -> Position:
     clock = game.clock
     team = len(game.cells)
     transitions = int(clock[DONE])

@@ -53,7 +53,7 @@ def prospect_of(scenario: Scenario) -> Prospect:
         return Prospect(expected, "", None)
     note = (
         "nothing to coordinate: shortest paths rarely meet "
-        f"({scenario.interactions}), and lose less than a question costs; "
+        f"({scenario.interactions}), and robots lose less by it than a question costs; "
     )
     found = best_doorway(scenario)
     if found is None:

@@ -87,7 +87,7 @@ def compiler() -> Finding:
     if folder is None:
         text = (
             f"{numba.__version__} compiles, but cannot store the result: each process "
-            "compiles for about 12 s"
+            "compiles for about 15 s"
         )
         remedy = f"make ~/.cache writable, or export {compiling.FOLDER_VARIABLE}=FOLDER"
         return Finding(HINT, "numba", text, remedy)

@@ -30,7 +30,7 @@ from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
 from sparse_coord_ros.ros.nodes import ros_topics, transforms
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
 REPEAT_POSES_SECONDS = 0.5
@@ -47,7 +47,7 @@ class BodyNode(Follower):
     """Receives bodies' commands (Twist), and publishes their poses: PoseStamped, Odometry, tf.
 
     Args:
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         simulator: the bodies, once a run has begun.
@@ -58,7 +58,7 @@ class BodyNode(Follower):
 
     simulator: BodySimulator
 
-    def __init__(self, **place: Unpack[Place]) -> None:
+    def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__("body", PARAMETERS["body"], **place)
         self._said = time.monotonic()
         self._paths: list[list[float]] = []

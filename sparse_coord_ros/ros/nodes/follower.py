@@ -17,7 +17,7 @@ from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
-from sparse_coord_ros.ros.nodes.parameters import ParameterNode, Place
+from sparse_coord_ros.ros.nodes.parameters import NodePlace, ParameterNode
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -36,7 +36,7 @@ class Follower(ParameterNode):
     Args:
         name: the node's name unless the command line remaps it.
         table: its parameters; without `world_timeout` the node waits for the world for ever.
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         part: the object whose `go_on`, `report`, `world_said` and `all_done` are called: this
@@ -51,7 +51,9 @@ class Follower(ParameterNode):
 
     tick_seconds = TICK_SECONDS
 
-    def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
+    def __init__(
+        self, name: str, table: SettingTable, **place: Unpack[NodePlace]
+    ) -> None:
         super().__init__(name, table, **place)
         self.part: Any = self
         self.run: RunConfig | None = None

@@ -30,7 +30,7 @@ from sparse_coord_ros.protocol.wire import WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
-from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
     TF,
@@ -70,7 +70,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     Args:
         name: the node's name unless the command line remaps it; empty: its `KIND`.
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         KIND: the executable, which names its table of parameters.
@@ -86,7 +86,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     KIND: ClassVar[str]
 
-    def __init__(self, *, name: str = "", **place: Unpack[Place]) -> None:
+    def __init__(self, *, name: str = "", **place: Unpack[NodePlace]) -> None:
         Follower.__init__(self, name or self.KIND, PARAMETERS[self.KIND], **place)
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state

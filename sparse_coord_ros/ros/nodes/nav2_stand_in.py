@@ -23,7 +23,7 @@ from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.lab.driving.metric_map import Pose
 from sparse_coord_ros.lab.driving.transforms import yaw_of
 from sparse_coord_ros.protocol.wire import MAP_FRAME
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
@@ -208,7 +208,7 @@ class Nav2StandIn(ParameterNode):
     """Bases by name.
 
     Args:
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         action: the class of Nav2's action.
@@ -220,7 +220,7 @@ class Nav2StandIn(ParameterNode):
 
     changeable = ("fault",)
 
-    def __init__(self, **place: Unpack[Place]) -> None:
+    def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__("nav2_stand_in", PARAMETERS["nav2_stand_in"], **place)
         names = [name.strip("/") for name in self.values["bases"] if name]
         places = [read_place(text) for text in self.values["places"] if text]

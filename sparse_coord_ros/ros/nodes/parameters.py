@@ -123,7 +123,7 @@ ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
 
 
-class Place(TypedDict, total=False):
+class NodePlace(TypedDict, total=False):
     """The environment in which a node is made.
 
     Attributes:
@@ -168,7 +168,9 @@ class ParameterNode(Node):
 
     changeable: ClassVar[Collection[str]] = ("rate",)
 
-    def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
+    def __init__(
+        self, name: str, table: SettingTable, **place: Unpack[NodePlace]
+    ) -> None:
         values = place.get("values")
         given = [Parameter(key, value=value) for key, value in (values or {}).items()]
         try:

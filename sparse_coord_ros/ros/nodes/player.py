@@ -15,7 +15,7 @@ from sparse_coord_ros.log.bags.playback import Playback
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.protocol.wire import services
 from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.ros.nodes.player_topics import PlayedTopics
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
@@ -40,8 +40,8 @@ class Player(ParameterNode):
 
     Args:
         keyboard: listen to the terminal's keys, if there is one.
-        place: where the node is made, and with what: see `Place`. The topics have their recorded
-            names in any namespace.
+        place: where the node is made, and with what: see `NodePlace`. The topics have their
+            recorded names in any namespace.
 
     Attributes:
         played: the topics that it publishes.
@@ -54,7 +54,7 @@ class Player(ParameterNode):
 
     changeable = ("rate", "position")
 
-    def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
+    def __init__(self, *, keyboard: bool = False, **place: Unpack[NodePlace]) -> None:
         self.begun = False
         super().__init__("player", PARAMETERS["player"], **place)
         self.offer(services.PAUSE, self._pause)

@@ -41,7 +41,7 @@ from sparse_coord_ros.protocol.wire.status import (
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, read_tables_message, status
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
 QUIET_SECONDS = 0.3
@@ -339,8 +339,8 @@ class Recorder(Follower):
     """Records every topic of the team and the service events, unchanged.
 
     Args:
-        place: where the node is made, and with what: see `Place`. With `direct` another process
-            writes the bag, and an error of the recording does not stop the other nodes.
+        place: where the node is made, and with what: see `NodePlace`. With `direct` another
+            process writes the bag, and an error of the recording does not stop the other nodes.
 
     Attributes:
         directory: the bag's directory.
@@ -353,7 +353,7 @@ class Recorder(Follower):
 
     recording: Recording | None = None
 
-    def __init__(self, **place: Unpack[Place]) -> None:
+    def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__(RECORDER, PARAMETERS[RECORDER], **place)
         self.directory = Path(
             self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}"

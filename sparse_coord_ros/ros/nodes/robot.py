@@ -34,7 +34,7 @@ from sparse_coord_ros.ros.nodes.messages import (
     tables_message,
 )
 from sparse_coord_ros.ros.nodes.outputs import Output, begin_with
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, Place
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.peers import Peers
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
@@ -389,7 +389,7 @@ class RobotNode(Follower):
 
     Args:
         name: the robot's name unless the command line remaps it.
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         guard: guards its name.
@@ -402,7 +402,7 @@ class RobotNode(Follower):
 
     member: Member | None = None
 
-    def __init__(self, *, name: str = "robot", **place: Unpack[Place]) -> None:
+    def __init__(self, *, name: str = "robot", **place: Unpack[NodePlace]) -> None:
         super().__init__(name, PARAMETERS["robot"], **place)
         self.guard = Guard(self)
 

@@ -41,7 +41,7 @@ from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.halting import Halting
 from sparse_coord_ros.ros.nodes.messages import Converter, read_run, read_tables_message
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.show.page.controls import (
     HALT,
@@ -170,7 +170,7 @@ class InsideWatch(ParameterNode):
     Args:
         board: the page's board.
         world, robots: the team's nodes.
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class InsideWatch(ParameterNode):
         board: "MessageBoard",
         world: "WorldSimulator",
         robots: "Sequence[RobotNode]",
-        **place: Unpack[Place],
+        **place: Unpack[NodePlace],
     ) -> None:
         super().__init__("watch", PARAMETERS["watch"], **place)
         self._board = board
@@ -266,7 +266,7 @@ class WatchNode(Follower):
 
     Args:
         server: the page's server; None: one of its own.
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         server: the page's server.
@@ -281,7 +281,7 @@ class WatchNode(Follower):
     team: "HeardTeam"
 
     def __init__(
-        self, *, server: "Server | None" = None, **place: Unpack[Place]
+        self, *, server: "Server | None" = None, **place: Unpack[NodePlace]
     ) -> None:
         self._shared = server
         super().__init__("watch", PARAMETERS["watch"], **place)

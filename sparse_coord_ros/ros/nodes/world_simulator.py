@@ -29,8 +29,8 @@ from sparse_coord_ros.ros.nodes.guard import Guard
 from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
+    NodePlace,
     ParameterNode,
-    Place,
     run_from_parameters,
 )
 from sparse_coord_ros.ros.nodes.restart import Returning
@@ -66,7 +66,7 @@ class WorldSimulator(ParameterNode):
     step when all robots have acted.
 
     Args:
-        place: where the node is made, and with what: see `Place`.
+        place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
         run: the run.
@@ -87,7 +87,7 @@ class WorldSimulator(ParameterNode):
     _paused = _single = _beat = _stopped = False
     _told = -math.inf
 
-    def __init__(self, **place: Unpack[Place]) -> None:
+    def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__(WORLD, PARAMETERS[WORLD], **place)
         if self.values["resume"]:
             self.run = resumed_run(self.values)

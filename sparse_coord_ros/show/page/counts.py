@@ -13,7 +13,7 @@ SUM_EVERY = 20_000
 """Questions between two sums that are kept, so that no more than these are counted at once."""
 
 
-class Progress(NamedTuple):
+class Counted(NamedTuple):
     """What there was up to a time step.
 
     Attributes:
@@ -86,7 +86,7 @@ class Counts:
         )
         return counts
 
-    def up_to(self, step: int, log: RunLog) -> Progress:
+    def up_to(self, step: int, log: RunLog) -> Counted:
         """Return what there was up to a time step.
 
         Args:
@@ -106,4 +106,4 @@ class Counts:
             end += len(more.step)
             asked = asked + self._counted(self._places_of(more))
             read_to = step
-        return Progress(episodes, end, asked.reshape(self._shape), read_to)
+        return Counted(episodes, end, asked.reshape(self._shape), read_to)

@@ -124,7 +124,7 @@ def ask_cost(results: Results) -> Figure:
 
 
 def perception(results: Results) -> Figure:
-    """Draw Coop. against the probability of a percept, then by the robots' places."""
+    """Draw Coop. against the probability of an answer, then by the robots' places."""
     columns = len(names(results))
     figure, panels = panel_grid(4 * columns, columns)
     drawn = [one for one in results if one.scenario.perception.kind == "probability"]
@@ -143,7 +143,7 @@ def perception(results: Results) -> Figure:
             draw_points(axes, data, "place", _place_names(placed))
             axes.set_title(f"{own[0].scenario.name}, by place", fontsize=11)
     label_axes(rows[0], columns, "returns")
-    label_axes(rows[1], columns, "asks", "probability of a percept")
+    label_axes(rows[1], columns, "asks", "probability of an answer")
     label_axes(rows[2], columns, "returns")
     label_axes(rows[3], columns, "asks", "range [cells]; sight: line of sight")
     finish_measure(rows[0] + rows[2], "returns")

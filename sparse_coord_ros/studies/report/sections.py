@@ -519,7 +519,9 @@ def ask_cost(results: Results) -> Section:
                 f"return at {at_dear}": with_error(dear.best("returns")),
                 "Non-coop.": with_error(base.best("returns")),
                 "shortest paths": shortest_paths_of(base),
-                "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
+                "pays up to a cost of": f"{worth[-1].scenario.ask_cost:g}"
+                if worth
+                else None,
             }
         )
         told[base.scenario.name] = (
@@ -543,7 +545,7 @@ def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
 
 
 def perception(results: Results) -> Section:
-    """Return Coop.'s return if all percepts fail, if all succeed, and in line of sight."""
+    """Return Coop.'s return if no question is answered, if all are, and in line of sight."""
     rows = []
     gains = {}
     for own in by_scenario(results):
@@ -564,9 +566,9 @@ def perception(results: Results) -> Section:
         )
     told = named({name: signed(gain) for name, gain in gains.items()})
     claim = Claim(
-        "Percepts that fail lower the return",
+        "Questions without an answer lower the return",
         OPEN_QUESTION,
-        f"gain if percepts always succeed instead of never: {told}",
+        f"gain if every question is answered, beside none: {told}",
         *_surely(gains.values()),
     )
     return Section("perception.md.j2", pd.DataFrame(rows), [claim])
@@ -772,13 +774,13 @@ def when(results: Results) -> Section:
     spread = {
         "the loss": tightness(found, "ratio"),
         "the loss, not discounted": tightness(found, "undiscounted"),
-        "the possible gain": tightness(found, "worth"),
+        "the possible gain": tightness(found, "relative_gain"),
     }
     for line in KINDS.values():
         if line in found["line"].values:
             spread |= {
                 f"the loss ({line})": tightness(found, "ratio", line),
-                f"the possible gain ({line})": tightness(found, "worth", line),
+                f"the possible gain ({line})": tightness(found, "relative_gain", line),
             }
     values = {
         "maps": found["scenario"].nunique(),

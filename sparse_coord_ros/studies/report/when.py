@@ -76,7 +76,7 @@ def points(results: Results) -> pd.DataFrame:
     Its columns:
 
     - `line`: whose point it is; `scenario`, `robots`.
-    - `ratio`, `worth`: as of `core.solve.advice`.
+    - `ratio`, `relative_gain`: as of `core.solve.advice`.
     - `undiscounted`: penalty times miscoordinations on shortest paths, in questions.
     - `avoidable`: whether pairs can avoid each other for nothing; False where nobody knows.
     - `questions`: of a robot in an episode, a mean over the teams that arrive.
@@ -182,7 +182,7 @@ def _place(result: ConditionResult) -> Row:
         "cost": scenario.ask_cost,
         "ratio": in_questions(loss, scenario),
         "undiscounted": in_questions(meetings * mean_penalty, scenario),
-        "worth": relative_gain(gap, scenario),
+        "relative_gain": relative_gain(gap, scenario),
         "avoidable": avoidable,
         "gap": in_questions(gap, scenario),
     }
@@ -193,7 +193,7 @@ def means(found: pd.DataFrame, x: str = "ratio") -> pd.DataFrame:
 
     Args:
         found: points.
-        x: the column that lies between the edges: `ratio` or `worth`.
+        x: the column that lies between the edges: `ratio` or `relative_gain`.
 
     Returns:
         A row for each line and interval: `line`, `interval` (its number), x (geometric mean),

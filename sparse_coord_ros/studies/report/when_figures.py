@@ -84,7 +84,7 @@ teams, failing answers and other interactions."""
 
 XLABELS = {
     "ratio": "loss of a robot if they ignore each other / cost of a question (log scale)",
-    "worth": "possible gain of a robot / cost of a question * (chance of an answer)² "
+    "relative_gain": "possible gain of a robot / cost of a question * (chance of an answer)² "
     "(log scale)",
 }
 
@@ -103,10 +103,12 @@ def when(results: Sequence[ConditionResult]) -> Figure:
 def when_more(results: Sequence[ConditionResult]) -> Figure:
     """Draw other chances of an answer, larger teams, and pairs with ways apart.
 
-    They stand against the worth of the gain, in questions.
+    They stand against the possible gain, in questions, as `core.solve.advice` counts it.
     """
     found = points(results)
-    return _figure(with_ways_apart(found), MORE_LINES, "worth", MOST_QUESTIONS_MORE)
+    return _figure(
+        with_ways_apart(found), MORE_LINES, "relative_gain", MOST_QUESTIONS_MORE
+    )
 
 
 def when_kinds(results: Sequence[ConditionResult]) -> Figure:
@@ -132,7 +134,7 @@ def _figure(
     upper.set_ylim(-0.1, most)
     upper.set_ylabel("questions of a robot\nin an episode")
     lower.set_ylim(LOWEST_SHARE, 1.08)
-    lower.set_ylabel("share of the gap\nto the joint optimum")
+    lower.set_ylabel("share of the gap")
     lower.yaxis.set_major_formatter(PercentFormatter(1.0))
     lower.axhline(0.0, color="black", linewidth=0.8)
     lower.set_xlabel(XLABELS[x])

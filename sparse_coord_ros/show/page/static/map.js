@@ -133,13 +133,7 @@ export class TeamMap extends View {
       ...frame.together.flatMap((cell) => this.meeting(cell)),
       ...frame.exchanges.flatMap((pair) => this.exchange(pair.map((k) => frame.cells[k]))),
       ...frame.stopped.map(([k, , cell]) => this.barrier(frame.cells[k], cell)),
-      ...this.helping(frame).flatMap((cell) => this.ring(cell, "helped", "✔")));
-  }
-
-  // The help places in which robots help each other in this time step.
-  helping({ cells, after }) {
-    const [before, now] = [cells, after ?? cells].map((own) => this.run.map.helps.filter((cell) => own.includes(cell)));
-    return now.length > 1 && before.length < 2 ? now : [];
+      ...frame.helped.flatMap((cell) => this.ring(cell, "helped", "✔")));
   }
 
   // A ring around a cell in which robots miscoordinate, and its sign.
