@@ -30,8 +30,8 @@ second. Each is drawn among the cells that are least out of the way from its rob
 goal, and that are no doorway, no start and no goal."""
 
 HELPING = "help:10"
-"""The interactions of such a building. With a larger reward the joint optimum of some buildings goes
-in and out of help places for ever."""
+"""The interactions of such a building. With a larger reward the joint optimum of some buildings
+goes in and out of help places for ever."""
 
 Cell = tuple[int, int]
 
