@@ -202,7 +202,7 @@ def _with_conflict(
 
 
 def find_kinds(_: argparse.Namespace) -> None:
-    """Search for the asking teams of the lists whose robots exchange cells or stop each other."""
+    """Search for the asking teams of the lists with other interactions."""
     for item in chain.from_iterable(LISTS.values()):
         if "interactions" in item.settings:
             given = {**item.settings, "penalty": PENALTY}

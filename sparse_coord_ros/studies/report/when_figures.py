@@ -106,9 +106,13 @@ def when_more(results: Sequence[ConditionResult]) -> Figure:
     They stand against the possible gain, in questions, as `core.solve.advice` counts it.
     """
     found = points(results)
-    return _figure(
+    figure = _figure(
         with_ways_apart(found), MORE_LINES, "relative_gain", MOST_QUESTIONS_MORE
     )
+    # The gap of larger teams ends at robots alone in the world.
+    lower = figure.axes[1]
+    lower.set_ylabel("share of the gap")
+    return figure
 
 
 def when_kinds(results: Sequence[ConditionResult]) -> Figure:
@@ -134,7 +138,7 @@ def _figure(
     upper.set_ylim(-0.1, most)
     upper.set_ylabel("questions of a robot\nin an episode")
     lower.set_ylim(LOWEST_SHARE, 1.08)
-    lower.set_ylabel("share of the gap")
+    lower.set_ylabel("share of the gap\nto the joint optimum")
     lower.yaxis.set_major_formatter(PercentFormatter(1.0))
     lower.axhline(0.0, color="black", linewidth=0.8)
     lower.set_xlabel(XLABELS[x])
