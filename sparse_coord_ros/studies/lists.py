@@ -126,7 +126,7 @@ ABOUT: Mapping[str, str] = {
     "cells pay.",
     "block-pairs": "24 generated buildings of two robots, never tuned on; each cell holds one "
     "robot.",
-    "help-pairs": "24 generated buildings of two robots, never tuned on; robots that are in two "
+    "help-pairs": "24 generated buildings of two robots, never tuned on; robots that come to two "
     "help places are paid.",
     "percepts": "env1, env2-2r and pentagon; percepts fail half of the time, or behind walls, or "
     "beyond two cells.",

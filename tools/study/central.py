@@ -474,7 +474,12 @@ def _results(
 
 
 def _can_learn(scenario: Scenario) -> bool:
-    """Return whether there are two robots whose percepts are sure: it sees them at all times."""
+    """Return whether the learner fits: two robots, sure percepts, and no help.
+
+    It sees both robots at all times, and coordinates near doorways, not near help places.
+    """
+    if any(scenario.help_rewards):
+        return False
     return len(scenario.robots) == 2 and scenario.perception.kind == "always"
 
 
