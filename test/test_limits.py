@@ -180,7 +180,7 @@ def drawn(robots, rows=30, columns=100):
             1000,
             "has 1,001,000 cells and walls, allowed: 1,000,000; use larger cells",
         ),
-        pytest.param(1500, 1000, 1000, "", marks=pytest.mark.long),
+        pytest.param(53, 1000, 1000, "", marks=pytest.mark.long),
     ],
     ids=["20,000 robots", "10 million cells", "too many cells", "as large as may be"],
 )

@@ -77,4 +77,4 @@ def test_the_shipped_one_stands_beside_a_search(sparse_coord):
     assert (
         f"shipped      160.982, {shipped.agreed} of {shipped.restarts} restarts" in out
     )
-    assert "an equilibrium, as far as known" in out
+    assert "as far as the search found: an equilibrium" in out

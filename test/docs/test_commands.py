@@ -262,10 +262,11 @@ NEEDS_A_BAG = (
     "verb",
     [pytest.param(v, marks=pytest.mark.long) if v in LONG_VERBS else v for v in VERBS],
 )
-def test_examples_of_help(verb, shell, request, capsys):
+def test_examples_of_help(verb, shell, request, capfd):
+    """The capture keeps descriptors: rclpy asks for that of stderr."""
     with pytest.raises(SystemExit):
         main([verb, "--help"])
-    _, _, told = capsys.readouterr().out.partition("\nexample:\n")
+    _, _, told = capfd.readouterr().out.partition("\nexample:\n")
     example = told.strip().split("\n\n")[0]
     commands = [line.strip() for line in example.splitlines()]
     assert commands and all(line.startswith("sparse_coord ") for line in commands)
