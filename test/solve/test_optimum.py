@@ -3,6 +3,7 @@
 """The exact joint optimum: the study's values, maps solved by hand, bounds."""
 
 import itertools
+import math
 
 import pytest
 
@@ -16,6 +17,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.optimum import (
     SOLVED,
+    arrivals_of_optimum,
     independent_bound,
     joint_optimum,
     upper_bound,
@@ -316,3 +318,22 @@ def test_no_team_earns_more_than_the_bound_where_robots_help(monkeypatch, reward
     monkeypatch.setattr(optimum, "MOST_JOINT_STATES", 195)
     found = joint_optimum(scenario)
     assert (found.exact, found.value) == (False, upper_bound(scenario))
+
+
+@pytest.mark.parametrize(("reward", "share"), [(20, 1.0), (24, 1.0), (30, 0.0)])
+def test_a_help_reward_that_is_too_large_keeps_the_optimum_from_arriving(reward, share):
+    scenario = load_scenario("lift", interactions=f"help:{reward}")
+    assert arrivals_of_optimum(scenario) == pytest.approx(share, abs=1e-3)
+
+
+def test_a_best_policy_without_help_arrives_as_robots_alone_do():
+    """Far from each other two robots arrive as two of one: moves of 0.8, a horizon of ten steps."""
+    scenario = load_scenario("lift", interactions="help:0", horizon=10)
+    far = [
+        scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots
+    ]
+    alone = [
+        sum(math.comb(10, k) * 0.8**k * 0.2 ** (10 - k) for k in range(moves, 11))
+        for moves in far
+    ]
+    assert arrivals_of_optimum(scenario) == pytest.approx(math.prod(alone), abs=1e-9)

@@ -184,8 +184,18 @@ class KindFamily(SpecFamily):
             SettingError: an unknown kind, two variants of one, wrong count of numbers, or a number
                 out of range.
         """
+        if isinstance(value, list | dict):
+            raise SettingError(
+                f"setting {self.setting}: value is {value!r}, allowed: one text; write "
+                f"{self._as_one_text(value)!r}"
+            )
         named = {}
         texts = [text.strip() for text in str(value).split("+")]
+        if len(texts) > 1 and "" in texts:
+            raise SettingError(
+                f"setting {self.setting}: {str(value)!r} has a '+' too many; leave it "
+                f"out, allowed: {self.usage}"
+            )
         for text in texts:
             form = self._form(text)
             numbers = text.split(":")[1:] if form.numbers else []
@@ -201,6 +211,13 @@ class KindFamily(SpecFamily):
         return "+".join(
             written[form.kind] for form in self.forms if form.kind in written
         )
+
+    @staticmethod
+    def _as_one_text(value: list[Any] | dict[Any, Any]) -> str:
+        """Return kinds that stand in a list, or with their numbers in a map, as one text."""
+        if isinstance(value, dict):
+            return "+".join(f"{kind}:{number}" for kind, number in value.items())
+        return "+".join(map(str, value))
 
     def _form(self, text: str) -> Form:
         """Return the form of one kind, which may be followed by numbers."""

@@ -11,6 +11,7 @@ becomes of all cells that the robots may want.
 """
 
 import hashlib
+import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -215,24 +216,66 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
 
 def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
     """Return the optimum by value iteration over all outcomes."""
+    start = _joint_state(scenario, [robot.start for robot in scenario.robots])
+    values = _values_by_outcomes(scenario, outcomes)
+    return float(values.max(axis=tuple(range(len(scenario.robots))))[start])
+
+
+def _values_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> np.ndarray:
+    """Return the values of joint moves: an axis of moves a robot, then the joint state."""
     after, paid = outcomes
     team = len(scenario.robots)
-    shape = (len(scenario.map.cells),) * team
-    start = np.ravel_multi_index([robot.start for robot in scenario.robots], shape)
-    goal = np.ravel_multi_index([robot.goal for robot in scenario.robots], shape)
+    goal = _joint_state(scenario, [robot.goal for robot in scenario.robots])
     p = scenario.move_success
     value = np.zeros(after.shape[-1])
     while True:
-        values = scenario.discount * value[after] + paid
+        values: np.ndarray = scenario.discount * value[after] + paid
         for k in range(team):
             moved = values.take(range(PRIMITIVES), axis=k)
             stayed = values.take([STAY], axis=k)
             values = p * moved + (1.0 - p) * stayed
+        values[..., goal] = scenario.arrival_value
         best = values.max(axis=tuple(range(team)))
-        best[goal] = scenario.arrival_value
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
-            return float(best[start])
+            return values
         value = best
+
+
+def _joint_state(scenario: Scenario, cells: Sequence[int]) -> int:
+    """Return the number of the joint state of robots in these cells."""
+    shape = (len(scenario.map.cells),) * len(scenario.robots)
+    return int(np.ravel_multi_index(cells, shape))
+
+
+def arrivals_of_optimum(scenario: Scenario) -> float:
+    """Return the share of episodes in which the joint optimum brings all robots to their goals.
+
+    It is exact. With a large reward of help the best policy never arrives. Only for scenarios
+    that are not too large (`is_too_large`).
+
+    Returns:
+        A probability: that all robots arrive within the `horizon` of an episode.
+    """
+    outcomes = joint_outcomes(scenario)
+    team = len(scenario.robots)
+    values = _values_by_outcomes(scenario, outcomes)
+    states = np.arange(values.shape[-1])
+    best = values.reshape(-1, len(states)).argmax(axis=0)
+    moves = np.unravel_index(best, (PRIMITIVES,) * team)
+    p = scenario.move_success
+    likely = np.zeros(len(states))
+    likely[_joint_state(scenario, [robot.start for robot in scenario.robots])] = 1.0
+    for _ in range(scenario.horizon):
+        later = np.zeros(len(states))
+        for succeeds in product((True, False), repeat=team):
+            chance = math.prod(p if moved else 1.0 - p for moved in succeeds)
+            made = [
+                move if moved else np.full_like(move, STAY)
+                for move, moved in zip(moves, succeeds, strict=True)
+            ]
+            np.add.at(later, outcomes.after[(*made, states)], chance * likely)
+        likely = later
+    return float(likely[_joint_state(scenario, [r.goal for r in scenario.robots])])
 
 
 def independent_bound(scenario: Scenario) -> float:
