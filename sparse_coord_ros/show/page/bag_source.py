@@ -126,6 +126,7 @@ class BagSource(controls.Played):
         self._narrator = Narrator(self.run.scenario)
         self._key_steps = KeySteps(self.run, self._narrator)
         self.highlight: Highlight | None = None
+        self._failing = ""
         self._again = False
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
@@ -192,7 +193,9 @@ class BagSource(controls.Played):
             first, since = self._key_steps.since(shown.robot, shown.cell)
             name = self._narrator.names[shown.robot]
             lines.append(since_in_words(name, first, since))
-        self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
+        messages.put_learned(
+            self.board, self._failing, lines, first=shown.first, step=shown.step
+        )
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, in a loop."""
@@ -514,7 +517,11 @@ class BagSource(controls.Played):
         scenario = self.run.scenario
         whole = blank_history(0, len(scenario.robots))
         begin = 0
+        recorded_now = self.growing
         try:
+            if not recorded_now:  # that a team fails comes before what it learned
+                self._evaluate()
+                self._tell_learned()
             while True:
                 growing = self.growing
                 for part in self.log.episodes(begin, [COORDINATION_MAP]):
@@ -540,8 +547,9 @@ class BagSource(controls.Played):
                     break
                 if self._stop.wait(GROWTH_SECONDS):
                     return
+            if recorded_now:
+                self._evaluate()
             self._tell_learned(read=True)
-            self._evaluate()
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
 
@@ -568,9 +576,9 @@ class BagSource(controls.Played):
             with leaving_out(
                 "their value", lambda said: self.board.put("notice", text=said)
             ):
-                self.board.put(
-                    "evaluation", **messages.evaluation_fields(self.run, tables, step)
-                )
+                value = messages.evaluation_fields(self.run, tables, step)
+                self._failing = value["failing"]
+                self.board.put("evaluation", **value)
 
 
 def since_in_words(name: str, first: int, since: int | None) -> str:

@@ -31,7 +31,7 @@ from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
-from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.narrator import Narrator, failing_in_words
 from sparse_coord_ros.show.page.key_steps import LearnedTeam, kinds_of, shown_by
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
@@ -261,6 +261,7 @@ def evaluation_fields(
         "learner": run.title,
         **{name: asdict(one) for name, one in measures.items()},
         "all_arrived": result.all_arrived,
+        "failing": failing_in_words(result.all_arrived),
         "askers": _askers(run, tables),
         "last_word": last_word(run.scenario, run.rule, result).text
         if step is None
@@ -278,6 +279,27 @@ def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:
         if policy.asks[reached].any():
             found.append(k)
     return found
+
+
+def put_learned(
+    board: MessageBoard,
+    failing: str,
+    lines: Sequence[str],
+    *,
+    first: int | None,
+    step: int | None,
+) -> None:
+    """Show what was learned; of a team that fails first that it fails.
+
+    Args:
+        board: where the message goes.
+        failing: as of `failing_in_words`.
+        lines: what was learned, in sentences.
+        first: where the episode begins that shows it; None outside a bag.
+        step: the time step of its question; None: there is none.
+    """
+    told = [failing, *lines] if failing else list(lines)
+    board.put("learned", lines=told, first=first, step=step)
 
 
 def put_end(
@@ -305,7 +327,7 @@ def put_end(
         text = (
             "In greedy episodes no robot asks another one, and not all robots arrive."
         )
-    board.put("learned", lines=[text], first=None, step=None)
+    put_learned(board, value["failing"], [text], first=None, step=None)
     board.put("evaluation", **value)
     return steps
 

@@ -415,6 +415,14 @@ def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
     text = player.board.get("learned")["lines"][0]
     begun = r"Here not all robots arrive without a miscoordination\. (Here )?robot_[12] asks "
     assert re.match(begun, text)
+    player.source.read_through()
+    share = 100 * player.board.get("evaluation")["all_arrived"]
+    assert share < 99
+    failing, lesson, *_ = player.board.get("learned")["lines"]
+    assert failing == (
+        f"This team fails: all robots arrive in {share:.2f} % of its greedy episodes."
+    )
+    assert lesson == text
     player.source.log.bag.close()
 
 

@@ -145,7 +145,8 @@ function headline() {
     ? `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`
     : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
   const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`);
-  $("headline").textContent = `I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
+  const failing = values.map((value, k) => (value.failing ? `The team of ${letter(k)} fails. ` : "")).join("");
+  $("headline").textContent = `${failing}I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
 }
 
 // The scenario and its settings, where they are those of all runs.
