@@ -317,7 +317,8 @@ def failing_in_words(all_arrived: float) -> str:
     """
     if not fails(all_arrived):
         return ""
-    return f"This team fails: all robots arrive in {100 * all_arrived:.2f} % of its greedy episodes."
+    share = f"{100 * all_arrived:.2f} %"
+    return f"This team fails: all robots arrive in {share} of its greedy episodes."
 
 
 def _listed(names: Sequence[str]) -> str:

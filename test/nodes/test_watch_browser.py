@@ -926,7 +926,7 @@ def test_the_map_marks_help(tab):
     assert show(1, (4, 12), (5, 12)) == 2
     assert show(2, (5, 12), (5, 12)) == 0
     assert show(3, (4, 11), (5, 11)) == 0
-    assert tab.evaluate("document.querySelectorAll('#map rect.help').length") == 2
+    assert tab.evaluate("document.querySelectorAll('#map rect.help-place').length") == 2
     page = tab.evaluate("document.body.innerText")
     assert "help place" in page
     for absent in ("doorway", "iscoordination", "rossing", "penalty"):

@@ -69,6 +69,7 @@ KIND_NAMES = {
     controls.CROSSING: "crossing",
     controls.EXCHANGE: "exchange",
     controls.STOPPED: "robot that another one stops",
+    controls.HELP: "help",
 }
 """The names of what a page can jump to."""
 
@@ -537,12 +538,9 @@ class BagSource(controls.Played):
                     self._key_steps.add(part)
                     self._mark()
                     share = begin / max(1, self.log.last_step)
-                    self.board.put(
-                        "curves", read=share, **messages.curve_fields(self.history)
-                    )
+                    self._show_curves(share)
                     time.sleep(0.002)  # playing comes first
-                fields = messages.curve_fields(self.history)
-                self.board.put("curves", read=1.0, **fields)
+                self._show_curves(1.0)
                 if not growing:
                     break
                 if self._stop.wait(GROWTH_SECONDS):
@@ -552,6 +550,14 @@ class BagSource(controls.Played):
             self._tell_learned(read=True)
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
+
+    def _show_curves(self, read: float) -> None:
+        """Show the learning curves of the share of the log that was `read`."""
+        fields = messages.curve_fields(self.history)
+        if controls.HELP in kinds_of(self.run.scenario):
+            helped = self._key_steps.steps[controls.HELP]
+            fields |= messages.help_curve(self.history, helped)
+        self.board.put("curves", read=read, **fields)
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""

@@ -213,19 +213,12 @@ def curve_fields(history: History) -> Message:
         first[1:] < first[:-1]
     ).any():  # of robots that learned alone, one after the other
         order = np.argsort(first, kind="stable")
-    window = max(1, -(-count // POINTS))
+    window = _window(count)
     begins = np.arange(0, count, window)
 
     def means(values: np.ndarray, weights: np.ndarray) -> list[Any]:
         """Return each point's mean; of robots only over the episodes in which they were there."""
-        if not count:
-            return []
-        sums, counts = (
-            np.add.reduceat(one[order].astype(float, copy=False), begins, axis=0)
-            for one in (values, weights)
-        )
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return plain((sums / counts).T)
+        return _means(values[order], weights[order], begins)
 
     every = np.ones(count)
     own = history.present
@@ -238,6 +231,39 @@ def curve_fields(history: History) -> Message:
         "returns": means(history.returns, own),
         "asks": means(history.asks, own),
     }
+
+
+def help_curve(history: History, helped: np.ndarray) -> Message:
+    """Return a learning curve: how often robots helped each other in an episode.
+
+    Its points are those of `curve_fields`.
+
+    Args:
+        history: episodes that come one after the other.
+        helped: the time steps in which help was paid, ascending.
+    """
+    begun = np.searchsorted(helped, history.first_step)
+    times = np.diff(begun, append=len(helped))
+    count = history.episodes
+    begins = np.arange(0, count, _window(count))
+    return {"help": _means(times, np.ones(count), begins)}
+
+
+def _window(count: int) -> int:
+    """Return over how many of so many episodes a point of a curve is the mean."""
+    return max(1, -(-count // POINTS))
+
+
+def _means(values: np.ndarray, weights: np.ndarray, begins: np.ndarray) -> list[Any]:
+    """Return the mean of each group of episodes, by where the groups begin."""
+    if not len(values):
+        return []
+    sums, counts = (
+        np.add.reduceat(one.astype(float, copy=False), begins, axis=0)
+        for one in (values, weights)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return plain((sums / counts).T)
 
 
 def evaluation_fields(

@@ -9,7 +9,7 @@ import { connect, token } from "/stream.js";
 
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
 const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
-const MARKS = ["question", "miscoordination", "exchange", "stopped"];
+const MARKS = ["question", "miscoordination", "exchange", "stopped", "help"];
 const MARK_NAMES = { stopped: "another robot stops it" };
 const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
@@ -35,7 +35,7 @@ class Column {
     this.body = html("div", { className: "body" }, this.learned, this.value, html("div", { className: "map-holder" }, this.element), this.now);
     $("columns").append(html("section", { className: "column" }, head, this.body));
     this.map = new TeamMap(this.element, () => {}, zoom);
-    this.lane = new Lane($("lanes"), html("span", {}, html("b", {}, letter(k)), ` ${title}`), `questions and miscoordinations of ${title}`,
+    this.lane = new Lane($("lanes"), html("span", {}, html("b", {}, letter(k)), ` ${title}`), `what happened when in ${title}`,
       (share) => clock && send("seek", Math.round(clock.last * share)));
     connect(`?run=${k}`, (message) => this.take(message), () => tell("notice", "not connected"));
   }
@@ -43,7 +43,7 @@ class Column {
   take(message) {
     this.newest[message.type] = message;
     const draw = {
-      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); this.show(); },
+      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds(), true); this.show(); },
       tables: () => { this.map.policy(message); differences(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
@@ -75,11 +75,11 @@ class Column {
 
   // The values of the newest tables.
   values() {
-    const { evaluation } = this.newest;
+    const { evaluation, run } = this.newest;
     const one = (value, words) => html("div", {}, html("dt", {}, words), html("dd", {}, value));
     const arrived = `${(100 * evaluation.all_arrived).toFixed(1)} %`;
     this.value.replaceChildren(
-      ...MEASURES.map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
+      ...MEASURES.filter(([name]) => name !== "miscoordinations" || run.kinds.includes("miscoordination")).map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
       one(arrived, "all arrive"));
   }
 
