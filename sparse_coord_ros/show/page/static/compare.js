@@ -61,6 +61,16 @@ class Column {
     return clock?.frames[this.k];
   }
 
+  // Its learning curves: of miscoordinations only where there can be some.
+  get curves() {
+    const { curves, run } = this.newest;
+    return curves && run && { ...curves, miscoordinations: this.canMiscoordinate ? curves.miscoordinations : [] };
+  }
+
+  get canMiscoordinate() {
+    return this.newest.run.kinds.includes("miscoordination");
+  }
+
   show() {
     const { frame } = this;
     if (!frame || !this.newest.run) return;
@@ -75,11 +85,11 @@ class Column {
 
   // The values of the newest tables.
   values() {
-    const { evaluation, run } = this.newest;
+    const { evaluation } = this.newest;
     const one = (value, words) => html("div", {}, html("dt", {}, words), html("dd", {}, value));
     const arrived = `${(100 * evaluation.all_arrived).toFixed(1)} %`;
     this.value.replaceChildren(
-      ...MEASURES.filter(([name]) => name !== "miscoordinations" || run.kinds.includes("miscoordination")).map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
+      ...MEASURES.filter(([name]) => name !== "miscoordinations" || this.canMiscoordinate).map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
       one(arrived, "all arrive"));
   }
 
@@ -165,7 +175,7 @@ function legend() {
 }
 
 function drawCurves() {
-  charts.compare(columns.map((column, k) => ({ message: column.newest.curves, label: letter(k), look: look(k) })));
+  charts.compare(columns.map((column, k) => ({ message: column.curves, label: letter(k), look: look(k) })));
   place();
 }
 
