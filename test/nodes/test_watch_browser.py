@@ -409,7 +409,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     points = f"{lines}.map((one) => one.getAttribute('d').split('L').length)"
     wait_for(tab, f"Math.max(...{points}) > 3")
     assert max(tab.evaluate(points)) <= 40
-    values = "[...document.querySelectorAll('.chart .value')]"
+    values = "[...document.querySelectorAll('.chart:not([hidden]) .value')]"
     values += ".map((one) => one.textContent)"
     tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
     said = wait_for(
