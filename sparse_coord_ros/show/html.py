@@ -18,6 +18,12 @@ from sparse_coord_ros.studies.report.charts import rendered
 
 Part = dict[str, Any]
 
+INCH = 96
+"""Pixels of an inch on a page."""
+
+LEGIBLE = 0.7
+"""Share of its width to which a picture may shrink: its letters can still be read."""
+
 
 def page(title: str, sections: Mapping[str, Iterable[Part]]) -> str:
     """Return a page; `sections` has the parts by their heading, which may be empty."""
@@ -45,7 +51,17 @@ def code(lines: str, *, summary: str = "") -> Part:
 
 
 def picture(figure: Figure, caption: str) -> Part:
-    """Return a picture; the caption's words up to its first stop name it."""
+    """Return a picture; the caption's words up to its first stop name it.
+
+    On a narrow screen it shrinks to its least width, and then scrolls in its box.
+    """
     data = base64.b64encode(rendered(figure, "svg")).decode()
     alt = re.split("[.:]", caption)[0]
-    return {"kind": "picture", "data": data, "alt": alt, "caption": caption}
+    least = round(LEGIBLE * INCH * figure.get_figwidth())
+    return {
+        "kind": "picture",
+        "data": data,
+        "alt": alt,
+        "caption": caption,
+        "least": least,
+    }

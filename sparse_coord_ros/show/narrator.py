@@ -14,6 +14,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run import TeamTransition
+from sparse_coord_ros.core.solve.verdict import fails
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Interacting, Question, interacting_in
@@ -306,6 +307,18 @@ class Narrator:
         why = "" if after != cell else self._why_it_stays(k, seen, move)
         does = self.does(k, cell, move, after, why)
         return f"{name} asks {place}. {ended} {name} {does}."
+
+
+def failing_in_words(all_arrived: float) -> str:
+    """Return a sentence that comes before what a team learned; empty where it does not fail.
+
+    Args:
+        all_arrived: share of its greedy episodes in which all robots arrive.
+    """
+    if not fails(all_arrived):
+        return ""
+    share = f"{100 * all_arrived:.2f} %"
+    return f"This team fails: all robots arrive in {share} of its greedy episodes."
 
 
 def _listed(names: Sequence[str]) -> str:

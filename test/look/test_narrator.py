@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
-from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.narrator import Narrator, failing_in_words
 from sparse_coord_ros.show.steps import questions_of
 
 ALONG = {"robot_1": (1, 2), "robot_2": (1, 2)}
@@ -545,3 +545,16 @@ def test_help_in_a_sentence(before, after, said):
     assert Narrator(scenario).interactions(seen) == said
     unknown = seen._replace(after=(seen.after[0], None))
     assert Narrator(scenario).interactions(unknown) == []
+
+
+@pytest.mark.parametrize(
+    ("share", "told"), [(1.0, ""), (0.9995, ""), (0.998, "99.80 %"), (0.0, "0.00 %")]
+)
+def test_of_a_team_that_fails_it_is_said_how_often_all_arrive(share, told):
+    text = failing_in_words(share)
+    if not told:
+        assert text == ""
+        return
+    assert text == (
+        f"This team fails: all robots arrive in {told} of its greedy episodes."
+    )

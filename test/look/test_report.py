@@ -70,7 +70,12 @@ def test_the_page_is_reached_by_keys_and_names(page):
     assert all(one.get("alt") for one in tree.iter("img"))
     boxes = [one for one in tree.iter("div") if one.get("class") == "scroll"]
     inside = {one for box in boxes for one in box}
-    assert inside == {*tree.iter("table"), *tree.iter("pre")}
+    pictures = list(tree.iter("img"))
+    assert inside == {*tree.iter("table"), *tree.iter("pre"), *pictures}
+    least = [
+        int(re.search(r"--least: (\d+)px", one.get("style"))[1]) for one in pictures
+    ]
+    assert max(least) >= 640, "the letters of four panels side by side can be read"
     assert all(box.get("tabindex") == "0" and box.get("aria-label") for box in boxes)
     heads = list(tree.iter("th"))
     assert all(one.get("scope") in ("col", "row") and one.text for one in heads)

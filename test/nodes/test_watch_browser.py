@@ -13,6 +13,7 @@ from PIL import Image
 from teams import tables_in
 
 from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.interactions import help_given, interactions_of
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import TeamTransition
@@ -408,7 +409,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     points = f"{lines}.map((one) => one.getAttribute('d').split('L').length)"
     wait_for(tab, f"Math.max(...{points}) > 3")
     assert max(tab.evaluate(points)) <= 40
-    values = "[...document.querySelectorAll('.chart .value')]"
+    values = "[...document.querySelectorAll('.chart:not([hidden]) .value')]"
     values += ".map((one) => one.textContent)"
     tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
     said = wait_for(
@@ -903,6 +904,32 @@ def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
     assert "resolution: 0.1" in (tmp_path / "lane.yaml").read_text()
 
 
+def test_help_of_a_bag_has_a_lane_a_key_and_a_curve(tab, start, record):
+    """Miscoordinations, which there cannot be, stand nowhere; a key leads to the next help."""
+    bag = record("lift", settings={"steps": 2000}).bag
+    process = start("cli.main", "watch", str(bag), "--port", "0", "--step", "1")
+    tab.goto(address_of(process))
+    wait_for(tab, "document.getElementById('foot').dataset.read === '1'")
+    wait_for(tab, "document.querySelector('button.help').disabled === false")
+    assert tab.locator("#lanes .mark.help").get_attribute("d")
+    titles = "[...document.querySelectorAll('.chart')].filter((one) => !one.hidden)"
+    shown = tab.evaluate(f"{titles}.map((one) => one.querySelector('h2').textContent)")
+    assert "Help in an episode (times)" in shown
+    assert "iscoordination" not in tab.evaluate("document.body.innerText")
+    log = read_run(bag)
+    inter = interactions_of(log.run.scenario)
+    helped = help_given(inter, log.cells[:-1].T, log.cells[1:].T)
+    helped &= np.diff(log.step) == 1
+    tab.keyboard.press(" ")
+    wait_for(tab, "document.getElementById('state').textContent === 'paused'")
+    tab.keyboard.press("Home")
+    wait_for(tab, f"{STEP} < {log.step[:-1][helped][0]}")
+    tab.keyboard.press("h")
+    wait_for(tab, f"{STEP} === {log.step[:-1][helped][0]}")
+    assert tab.locator("#map .helped").count() == 2
+    assert tab.evaluate(text_of("now")) == "robot_1 and robot_2 help each other."
+
+
 def test_the_map_marks_help(tab):
     """Help places always; a tick where robots help each other, in that step alone."""
     run = make_run(load_scenario("lift"), {})
@@ -926,7 +953,7 @@ def test_the_map_marks_help(tab):
     assert show(1, (4, 12), (5, 12)) == 2
     assert show(2, (5, 12), (5, 12)) == 0
     assert show(3, (4, 11), (5, 11)) == 0
-    assert tab.evaluate("document.querySelectorAll('#map rect.help').length") == 2
+    assert tab.evaluate("document.querySelectorAll('#map rect.help-place').length") == 2
     page = tab.evaluate("document.body.innerText")
     assert "help place" in page
     for absent in ("doorway", "iscoordination", "rossing", "penalty"):

@@ -50,6 +50,15 @@ class Verdict(NamedTuple):
     text: str
 
 
+def fails(all_arrived: float) -> bool:
+    """Return whether a team fails.
+
+    Args:
+        all_arrived: share of its episodes in which all robots arrive.
+    """
+    return 1.0 - all_arrived > HARDLY_EVER
+
+
 def last_word(
     scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
 ) -> Verdict:
@@ -67,7 +76,7 @@ def last_word(
         found: the value of its team.
     """
     missed = 1.0 - found.all_arrived
-    if missed > HARDLY_EVER:
+    if fails(found.all_arrived):
         cure = "more steps"
         if not isinstance(learner, Factored):
             cure = "--learner factored or more steps"

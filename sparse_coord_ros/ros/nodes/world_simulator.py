@@ -451,7 +451,9 @@ class WorldSimulator(ParameterNode):
                 f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}"
             )
             if can_miscoordinate(interactions_of(run.scenario)):
-                line += f", {world.miscoordinations} miscoordinations"
+                count = world.miscoordinations
+                what = "miscoordination" if count == 1 else "miscoordinations"
+                line += f", {count} {what}"
             self.get_logger().info(line)
         self._show()
 

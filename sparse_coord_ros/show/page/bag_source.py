@@ -69,6 +69,7 @@ KIND_NAMES = {
     controls.CROSSING: "crossing",
     controls.EXCHANGE: "exchange",
     controls.STOPPED: "robot that another one stops",
+    controls.HELP: "help",
 }
 """The names of what a page can jump to."""
 
@@ -126,6 +127,7 @@ class BagSource(controls.Played):
         self._narrator = Narrator(self.run.scenario)
         self._key_steps = KeySteps(self.run, self._narrator)
         self.highlight: Highlight | None = None
+        self._failing = ""
         self._again = False
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
@@ -192,7 +194,9 @@ class BagSource(controls.Played):
             first, since = self._key_steps.since(shown.robot, shown.cell)
             name = self._narrator.names[shown.robot]
             lines.append(since_in_words(name, first, since))
-        self.board.put("learned", lines=lines, first=shown.first, step=shown.step)
+        messages.put_learned(
+            self.board, self._failing, lines, first=shown.first, step=shown.step
+        )
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, in a loop."""
@@ -514,7 +518,11 @@ class BagSource(controls.Played):
         scenario = self.run.scenario
         whole = blank_history(0, len(scenario.robots))
         begin = 0
+        recorded_now = self.growing
         try:
+            if not recorded_now:  # that a team fails comes before what it learned
+                self._evaluate()
+                self._tell_learned()
             while True:
                 growing = self.growing
                 for part in self.log.episodes(begin, [COORDINATION_MAP]):
@@ -530,20 +538,26 @@ class BagSource(controls.Played):
                     self._key_steps.add(part)
                     self._mark()
                     share = begin / max(1, self.log.last_step)
-                    self.board.put(
-                        "curves", read=share, **messages.curve_fields(self.history)
-                    )
+                    self._show_curves(share)
                     time.sleep(0.002)  # playing comes first
-                fields = messages.curve_fields(self.history)
-                self.board.put("curves", read=1.0, **fields)
+                self._show_curves(1.0)
                 if not growing:
                     break
                 if self._stop.wait(GROWTH_SECONDS):
                     return
+            if recorded_now:
+                self._evaluate()
             self._tell_learned(read=True)
-            self._evaluate()
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
+
+    def _show_curves(self, read: float) -> None:
+        """Show the learning curves of the share of the log that was `read`."""
+        fields = messages.curve_fields(self.history)
+        if controls.HELP in kinds_of(self.run.scenario):
+            helped = self._key_steps.steps[controls.HELP]
+            fields |= messages.help_curve(self.history, helped)
+        self.board.put("curves", read=read, **fields)
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""
@@ -568,9 +582,9 @@ class BagSource(controls.Played):
             with leaving_out(
                 "their value", lambda said: self.board.put("notice", text=said)
             ):
-                self.board.put(
-                    "evaluation", **messages.evaluation_fields(self.run, tables, step)
-                )
+                value = messages.evaluation_fields(self.run, tables, step)
+                self._failing = value["failing"]
+                self.board.put("evaluation", **value)
 
 
 def since_in_words(name: str, first: int, since: int | None) -> str:

@@ -57,10 +57,11 @@ CROSSING = "crossing"
 POLICY = "policy"
 EXCHANGE = "exchange"
 STOPPED = "stopped"
-STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY, EXCHANGE, STOPPED)
+HELP = "help"
+STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY, EXCHANGE, STOPPED, HELP)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
 without that; where a robot would ask changes; robots exchange their cells; a robot stays, as
-another one is in its way."""
+another one is in its way; robots help each other."""
 
 TIME_STEP = "step"
 EPISODE = "episode"

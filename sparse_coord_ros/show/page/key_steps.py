@@ -11,6 +11,7 @@ import numpy as np
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     can_miscoordinate,
+    help_given,
     interactions_of,
     miscoordinations,
 )
@@ -29,6 +30,7 @@ from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
     EXCHANGE,
+    HELP,
     MISCOORDINATION,
     POLICY,
     QUESTION,
@@ -52,6 +54,7 @@ def kinds_of(scenario: Scenario) -> list[str]:
     kinds += [CROSSING] if scenario.map.doorways else []
     kinds += [EXCHANGE] if inter.swaps else []
     kinds += [STOPPED] if inter.blocks else []
+    kinds += [HELP] if inter.helps else []
     return kinds
 
 
@@ -96,6 +99,7 @@ class KeySteps:
             self._add(kind, log.step[found & followed])
         self._add(QUESTION, log.step[asked])
         self._add(MISCOORDINATION, log.step[met_next])
+        self._add(HELP, log.step[_helped(log)])
         if not len(self.steps[CROSSING]):
             self._add(CROSSING, self._first_crossing(part))
         self._add_policy_changes(log)
@@ -150,6 +154,15 @@ class KeySteps:
         return first, since
 
 
+def _helped(log: RunLog) -> np.ndarray:
+    """Return in which time steps of a log robots help each other, shape (T,), bool."""
+    followed = np.diff(log.step, append=-1) == 1
+    after = np.roll(log.cells, -1, axis=0)
+    inter = interactions_of(log.run.scenario)
+    found: np.ndarray = help_given(inter, log.cells.T, after.T) & followed
+    return found
+
+
 class Highlight(NamedTuple):
     """An episode that shows what was learned.
 
@@ -176,7 +189,8 @@ def highlight(
     That is where a robot asks, as its tables say that it would; goes where they say that it would
     go after this answer, and where it would not go without one; at a doorway at which the other
     one is, too; and all arrive without a miscoordination. Cells that a greedy robot reaches from
-    its start come first: an episode of learning may begin elsewhere.
+    its start come first: an episode of learning may begin elsewhere. Of episodes that show as much
+    those come first in which robots help each other.
 
     Args:
         log: the part, with at least one episode.
@@ -189,24 +203,30 @@ def highlight(
     begins = np.searchsorted(log.step, history.first_step)
     ends = begins + history.length
     ranks = _ranks(log, team, key_steps)
-    number = _best_episode(ranks, begins, ends, good)
+    helped = np.add.reduceat(_helped(log), begins) > 0
+    number = _best_episode(ranks, begins, ends, good, helped)
     begin = int(begins[number])
     end = int(ends[number])
     first = int(log.step[begin])
     last = int(log.step[end - 1])
     place, k = divmod(int(ranks[begin:end].argmax()), len(log.names))
     row = begin + place
+    also = " Robots help each other in this episode." if helped[number] else ""
     if not ranks[row, k]:
         what = "no robot asks another one"
         if log.asked.any():
             what = "no question is answered"
-        return Highlight(first, last, None, 0, 0, f"In the last episodes {what}.")
+        text = f"In the last episodes {what}.{also}"
+        return Highlight(first, last, None, 0, 0, text)
     cell = int(log.cells[row, k])
     step = logged_step(log, row)
     text = _told(step, k, narrator, learned=team.would_do_it_again(step, k))
     if not good[number]:
-        text = f"Here not all robots arrive without a miscoordination. {text}"
-    return Highlight(first, last, int(log.step[row]), k, cell, text)
+        met = ""
+        if can_miscoordinate(interactions_of(log.run.scenario)):
+            met = " without a miscoordination"
+        text = f"Here not all robots arrive{met}. {text}"
+    return Highlight(first, last, int(log.step[row]), k, cell, f"{text}{also}")
 
 
 def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
@@ -238,7 +258,11 @@ def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
 
 
 def _best_episode(
-    ranks: np.ndarray, begins: np.ndarray, ends: np.ndarray, good: np.ndarray
+    ranks: np.ndarray,
+    begins: np.ndarray,
+    ends: np.ndarray,
+    good: np.ndarray,
+    helped: np.ndarray,
 ) -> int:
     """Return the latest of the episodes that show most.
 
@@ -247,13 +271,14 @@ def _best_episode(
         begins: first row of each episode.
         ends: the row after its last one.
         good: whether all arrive in it without a miscoordination.
+        helped: whether robots help each other in it.
     """
     best = 0
-    best_worth = (False, -1, False)
+    best_worth = (False, -1, False, False)
     for number in range(len(begins)):
         fine = bool(good[number])
         rank = int(ranks[begins[number] : ends[number]].max())
-        worth = (fine and rank > 0, rank, fine)
+        worth = (fine and rank > 0, rank, fine, bool(helped[number]))
         if worth >= best_worth:
             best = number
             best_worth = worth

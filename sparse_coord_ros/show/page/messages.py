@@ -31,7 +31,7 @@ from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
-from sparse_coord_ros.show.narrator import Narrator
+from sparse_coord_ros.show.narrator import Narrator, failing_in_words
 from sparse_coord_ros.show.page.key_steps import LearnedTeam, kinds_of, shown_by
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
@@ -213,19 +213,12 @@ def curve_fields(history: History) -> Message:
         first[1:] < first[:-1]
     ).any():  # of robots that learned alone, one after the other
         order = np.argsort(first, kind="stable")
-    window = max(1, -(-count // POINTS))
+    window = _window(count)
     begins = np.arange(0, count, window)
 
     def means(values: np.ndarray, weights: np.ndarray) -> list[Any]:
         """Return each point's mean; of robots only over the episodes in which they were there."""
-        if not count:
-            return []
-        sums, counts = (
-            np.add.reduceat(one[order].astype(float, copy=False), begins, axis=0)
-            for one in (values, weights)
-        )
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return plain((sums / counts).T)
+        return _means(values[order], weights[order], begins)
 
     every = np.ones(count)
     own = history.present
@@ -238,6 +231,39 @@ def curve_fields(history: History) -> Message:
         "returns": means(history.returns, own),
         "asks": means(history.asks, own),
     }
+
+
+def help_curve(history: History, helped: np.ndarray) -> Message:
+    """Return a learning curve: how often robots helped each other in an episode.
+
+    Its points are those of `curve_fields`.
+
+    Args:
+        history: episodes that come one after the other.
+        helped: the time steps in which help was paid, ascending.
+    """
+    begun = np.searchsorted(helped, history.first_step)
+    times = np.diff(begun, append=len(helped))
+    count = history.episodes
+    begins = np.arange(0, count, _window(count))
+    return {"help": _means(times, np.ones(count), begins)}
+
+
+def _window(count: int) -> int:
+    """Return over how many of so many episodes a point of a curve is the mean."""
+    return max(1, -(-count // POINTS))
+
+
+def _means(values: np.ndarray, weights: np.ndarray, begins: np.ndarray) -> list[Any]:
+    """Return the mean of each group of episodes, by where the groups begin."""
+    if not len(values):
+        return []
+    sums, counts = (
+        np.add.reduceat(one.astype(float, copy=False), begins, axis=0)
+        for one in (values, weights)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return plain((sums / counts).T)
 
 
 def evaluation_fields(
@@ -261,6 +287,7 @@ def evaluation_fields(
         "learner": run.title,
         **{name: asdict(one) for name, one in measures.items()},
         "all_arrived": result.all_arrived,
+        "failing": failing_in_words(result.all_arrived),
         "askers": _askers(run, tables),
         "last_word": last_word(run.scenario, run.rule, result).text
         if step is None
@@ -278,6 +305,27 @@ def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:
         if policy.asks[reached].any():
             found.append(k)
     return found
+
+
+def put_learned(
+    board: MessageBoard,
+    failing: str,
+    lines: Sequence[str],
+    *,
+    first: int | None,
+    step: int | None,
+) -> None:
+    """Show what was learned; of a team that fails first that it fails.
+
+    Args:
+        board: where the message goes.
+        failing: as of `failing_in_words`.
+        lines: what was learned, in sentences.
+        first: where the episode begins that shows it; None outside a bag.
+        step: the time step of its question; None: there is none.
+    """
+    told = [failing, *lines] if failing else list(lines)
+    board.put("learned", lines=told, first=first, step=step)
 
 
 def put_end(
@@ -305,7 +353,7 @@ def put_end(
         text = (
             "In greedy episodes no robot asks another one, and not all robots arrive."
         )
-    board.put("learned", lines=[text], first=None, step=None)
+    put_learned(board, value["failing"], [text], first=None, step=None)
     board.put("evaluation", **value)
     return steps
 

@@ -9,7 +9,7 @@ import { connect, token } from "/stream.js";
 
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
 const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
-const MARKS = ["question", "miscoordination", "exchange", "stopped"];
+const MARKS = ["question", "miscoordination", "exchange", "stopped", "help"];
 const MARK_NAMES = { stopped: "another robot stops it" };
 const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
@@ -35,7 +35,7 @@ class Column {
     this.body = html("div", { className: "body" }, this.learned, this.value, html("div", { className: "map-holder" }, this.element), this.now);
     $("columns").append(html("section", { className: "column" }, head, this.body));
     this.map = new TeamMap(this.element, () => {}, zoom);
-    this.lane = new Lane($("lanes"), html("span", {}, html("b", {}, letter(k)), ` ${title}`), `questions and miscoordinations of ${title}`,
+    this.lane = new Lane($("lanes"), html("span", {}, html("b", {}, letter(k)), ` ${title}`), `what happened when in ${title}`,
       (share) => clock && send("seek", Math.round(clock.last * share)));
     connect(`?run=${k}`, (message) => this.take(message), () => tell("notice", "not connected"));
   }
@@ -43,7 +43,7 @@ class Column {
   take(message) {
     this.newest[message.type] = message;
     const draw = {
-      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); this.show(); },
+      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds(), true); this.show(); },
       tables: () => { this.map.policy(message); differences(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
@@ -59,6 +59,16 @@ class Column {
   // What the clock shows of this run. Frames come with the clock: streams of their own would come sooner or later.
   get frame() {
     return clock?.frames[this.k];
+  }
+
+  // Its learning curves: of miscoordinations only where there can be some.
+  get curves() {
+    const { curves, run } = this.newest;
+    return curves && run && { ...curves, miscoordinations: this.canMiscoordinate ? curves.miscoordinations : [] };
+  }
+
+  get canMiscoordinate() {
+    return this.newest.run.kinds.includes("miscoordination");
   }
 
   show() {
@@ -79,7 +89,7 @@ class Column {
     const one = (value, words) => html("div", {}, html("dt", {}, words), html("dd", {}, value));
     const arrived = `${(100 * evaluation.all_arrived).toFixed(1)} %`;
     this.value.replaceChildren(
-      ...MEASURES.map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
+      ...MEASURES.filter(([name]) => name !== "miscoordinations" || this.canMiscoordinate).map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
       one(arrived, "all arrive"));
   }
 
@@ -145,7 +155,8 @@ function headline() {
     ? `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`
     : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
   const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`);
-  $("headline").textContent = `I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
+  const failing = values.map((value, k) => (value.failing ? `The team of ${letter(k)} fails. ` : "")).join("");
+  $("headline").textContent = `${failing}I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
 }
 
 // The scenario and its settings, where they are those of all runs.
@@ -164,7 +175,7 @@ function legend() {
 }
 
 function drawCurves() {
-  charts.compare(columns.map((column, k) => ({ message: column.newest.curves, label: letter(k), look: look(k) })));
+  charts.compare(columns.map((column, k) => ({ message: column.curves, label: letter(k), look: look(k) })));
   place();
 }
 

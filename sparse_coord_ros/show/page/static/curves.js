@@ -11,6 +11,7 @@ const CURVES = [
   ["length", "Steps of an episode", [0, 1]],
   ["returns", "Return of a robot, undiscounted", []],
   ["miscoordinations", "Miscoordinations of an episode", [0, 1]],
+  ["help", "Help in an episode (times)", [0, 1]],
   ["asks", "Questions of a robot", [0, 1]],
 ];
 
@@ -68,10 +69,11 @@ export class Curves {
     }
   }
 
-  // Whether robots can miscoordinate; else there is no curve of it.
-  begin(canMiscoordinate) {
+  // Curves that there are: by the kinds of marks that the runs can have. Only in a bag help is counted.
+  begin(kinds, recorded) {
     const of = new Map(this.charts);
-    of.get("miscoordinations").section.hidden = !canMiscoordinate;
+    of.get("miscoordinations").section.hidden = !kinds.includes("miscoordination");
+    of.get("help").section.hidden = !(recorded && kinds.includes("help"));
   }
 
   // Where the shown time steps lie.

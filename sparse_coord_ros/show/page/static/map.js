@@ -45,7 +45,7 @@ export class TeamMap extends View {
       this.layer.marks.append(this.square(cell, 3, { class: "doorway", stroke: run.doorway_colour }));
     }
     for (const cell of run.map.helps) {
-      this.layer.marks.append(this.square(cell, 3, { class: "help", "data-cell": cell }));
+      this.layer.marks.append(this.square(cell, 3, { class: "help-place", "data-cell": cell }));
     }
     this.corners("start", "S", 9, 11);
     this.corners("goal", "G", UNIT - 9, -11);

@@ -15,6 +15,7 @@ const JUMPS = {
   question: ["question", "q", "the next question"], miscoordination: ["miscoordination", "m", "the next miscoordination"],
   exchange: ["exchange", "e", "the next exchange of cells"],
   stopped: ["stopped robot", "s", "the next robot that another one stops"],
+  help: ["help", "h", "the next time that robots help each other"],
   policy: ["change of asking", "p", "the next change of where a robot would ask"],
   crossing: ["First crossing", "c", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
 };
@@ -35,7 +36,7 @@ const DRAW = {
   tables: () => { map.policy(newest.tables); showCell(); },
   asked: () => { map.heat(newest.asked); $("asked-where").textContent = newest.asked?.where ?? "asked here so far"; },
   curves: showCurves,
-  evaluation: () => evaluationPanel(newest.evaluation),
+  evaluation: () => evaluationPanel(newest.run, newest.evaluation),
   learned: () => learnedPanel(newest.learned, mayControl && jump),
   marks: showMarks,
   dialogue: () => dialoguePanel(newest.run, newest.dialogue ?? {}),
@@ -104,7 +105,7 @@ function begin() {
   const rates = run.source === "bag" ? RATES : [...RATES, 0];
   $("rate").replaceChildren(...rates.map((r) => new Option(r ? `${number(r)} steps/s` : "as fast as it goes", r)));
   for (const [kind, { lane }] of Object.entries(lanes)) lane.row.hidden = !run.kinds.includes(kind);
-  charts.begin(run.kinds.includes("miscoordination"));
+  charts.begin(run.kinds, run.source === "bag");
   $("penalty").value = run.penalty;
   $("scenario").value = run.scenario;
   showControls();
@@ -148,7 +149,7 @@ function legend() {
   if (run.kinds.includes("miscoordination")) $("legend").append(
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
   if (run.map.helps.length) $("legend").append(
-    item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help" })),
+    item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help-place" })),
     item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔")));
   if (run.kinds.includes("exchange")) $("legend").append(item("robots exchange cells", svg("text", { x: 30, y: 12, class: "met-sign" }, "⇄")));
   if (run.kinds.includes("stopped")) $("legend").append(item("another robot stops it", svg("path", { d: "M30,3v16", class: "bar-in-the-way" })));

@@ -93,7 +93,7 @@ const YARDSTICKS = {
   "bound (robots alone)": "each robot alone in the world: no team has a higher value",
 };
 
-export function evaluationPanel(e) {
+export function evaluationPanel(run, e) {
   $("evaluation-panel").hidden = !e;
   if (!e) return;
   const error = (one) => (one.standard_error > 0 ? ` (s.e. ${one.standard_error.toFixed(2)})` : "");
@@ -108,7 +108,7 @@ export function evaluationPanel(e) {
     row("td", ["discounted return of a robot", pair(e.returns)]),
     ...known,
     row("td", ["time to goal", pair(e.time_to_goal)]),
-    row("td", ["miscoordinations", pair(e.miscoordinations)]),
+    ...(run.kinds.includes("miscoordination") ? [row("td", ["miscoordinations", pair(e.miscoordinations)])] : []),
     row("td", ["questions of a robot", pair(e.asks)]),
     row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`]),
     html("caption", {}, e.last_word));
