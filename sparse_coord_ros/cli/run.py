@@ -124,6 +124,13 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
         values = {"resume": True, "scenario": "", "set": [""]}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
+        if options.no_record:
+            for name in ("compression", "max_bagfile_size", "max_bagfile_duration"):
+                if getattr(options, name) != options.parser.get_default(name):
+                    shown = f"--{name.replace('_', '-')}"
+                    raise RunError(
+                        f"{shown}: not allowed with --no-record, which writes no bag; choose one"
+                    )
         if options.greedy and not options.tables:
             raise RunError(
                 "--greedy needs --tables DIR, the output directory of a run to act on"
