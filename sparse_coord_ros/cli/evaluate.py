@@ -9,9 +9,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.computing import Bar
-from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
+from sparse_coord_ros.cli.options import (
+    JSON,
+    SEED,
+    Option,
+    format_table,
+    note,
+    refused_with,
+    tell,
+)
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import PAPER_MEASURES, SETTINGS
 from sparse_coord_ros.core.learners.tables import Tables
@@ -71,10 +78,8 @@ class Evaluated(NamedTuple):
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    if options.exact and options.trials is not None:
-        raise SettingError(
-            "--trials: not allowed with --exact, which plays none; choose one"
-        )
+    if options.exact:
+        refused_with(options, "--exact", ("trials", "seed"))
     trials = options.trials or TRIALS.default
     several = len(options.directories) > 1
     exact = (

@@ -22,6 +22,8 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
+OF_THE_BAG = ("compression", "max_bagfile_size", "max_bagfile_duration")
+
 VERDICT_TRIALS = 200
 """Trials of the verdict, if it cannot be computed exactly."""
 
@@ -124,6 +126,8 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
         values = {"resume": True, "scenario": "", "set": [""]}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
+        if options.no_record:
+            shared.refused_with(options, "--no-record", OF_THE_BAG)
         if options.greedy and not options.tables:
             raise RunError(
                 "--greedy needs --tables DIR, the output directory of a run to act on"

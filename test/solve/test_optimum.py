@@ -327,7 +327,7 @@ def test_a_help_reward_that_is_too_large_keeps_the_optimum_from_arriving(reward,
 
 
 def test_a_best_policy_without_help_arrives_as_robots_alone_do():
-    """Far from each other two robots arrive as two of one: moves of 0.8, a horizon of ten steps."""
+    """Far from each other each arrives by itself: moves of 0.8, a horizon of ten steps."""
     scenario = load_scenario("lift", interactions="help:0", horizon=10)
     far = [
         scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots

@@ -187,7 +187,7 @@ class KindFamily(SpecFamily):
         if isinstance(value, list | dict):
             raise SettingError(
                 f"setting {self.setting}: value is {value!r}, allowed: one text; write "
-                f"{self._as_one_text(value)!r}"
+                "'help:20+swap'"
             )
         named = {}
         texts = [text.strip() for text in str(value).split("+")]
@@ -211,13 +211,6 @@ class KindFamily(SpecFamily):
         return "+".join(
             written[form.kind] for form in self.forms if form.kind in written
         )
-
-    @staticmethod
-    def _as_one_text(value: list[Any] | dict[Any, Any]) -> str:
-        """Return kinds that stand in a list, or with their numbers in a map, as one text."""
-        if isinstance(value, dict):
-            return "+".join(f"{kind}:{number}" for kind, number in value.items())
-        return "+".join(map(str, value))
 
     def _form(self, text: str) -> Form:
         """Return the form of one kind, which may be followed by numbers."""
