@@ -20,8 +20,8 @@ OPTIONS = (
     Option(
         "--episode N|best|last|asks",
         None,
-        "episode number, from 0; best: highest return; last: last complete one; asks: most "
-        "questions",
+        "episode number, from 0; best: highest sum of rewards; last: last complete one; asks: "
+        "most questions",
         {"default": "last"},
     ),
     Option(

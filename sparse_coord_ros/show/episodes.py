@@ -67,10 +67,10 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
 
     Args:
         log: the log.
-        wanted: its number; LAST: the last whole one; BEST: the one with the highest return, then
-            the shortest, then the latest, among those from the scenario's own starts (else among
-            all) in which all arrive; BUSIEST: the same with the number of questions in place of
-            the return.
+        wanted: its number; LAST: the last whole one; BEST: the one with the highest sum of
+            rewards, then the shortest, then the latest, among those from the scenario's own starts
+            (else among all) in which all arrive; BUSIEST: the same with the number of questions in
+            place of the sum.
 
     Raises:
         RunError: the episode does not exist.
@@ -161,9 +161,9 @@ def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> 
     among = (
         np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
     )
-    returns = history.returns.sum(axis=1)
+    rewards = history.returns.sum(axis=1)
     asks = history.asks.sum(axis=1)
-    keys = (among, -history.length[among], returns[among])
+    keys = (among, -history.length[among], rewards[among])
     return int(
         among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]]
     )

@@ -22,6 +22,7 @@ from sparse_coord_ros.core.solve.advice import (
     loss_of_ignoring,
     relative_gain,
 )
+from sparse_coord_ros.core.solve.group_bound import without_others
 from sparse_coord_ros.core.solve.optimum import joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
@@ -124,6 +125,12 @@ def test_robots_that_can_avoid_each_other_need_not_ask():
     assert found.text.startswith(
         "Asking will not pay, because robots can choose paths that"
     )
+
+
+def test_one_robot_has_nobody_to_ask():
+    found = advice(without_others(load_scenario("env1"), [0]))
+    assert (found.kind, found.loss) == (WILL_NOT_PAY, 0.0)
+    assert found.text == "With one robot there is nobody to ask."
 
 
 def test_in_questions():

@@ -169,7 +169,7 @@ def test_a_team_that_does_not_arrive_has_learned_nothing():
     scenario = load_scenario("env1")
     found = verdict(scenario, [untrained(scenario)] * 2)
     assert found.kind == LOST and found.text.endswith(
-        "Try --learner factored or more steps."
+        "Try more steps, or --learner factored."
     )
 
 

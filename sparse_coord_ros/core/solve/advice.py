@@ -79,6 +79,8 @@ def advice(scenario: Scenario) -> Advice:
     kind = _kind_of(relative_gain(gain, scenario), sure)
     if kind != WILL_NOT_PAY and optimum.exact and is_avoidable(loss, gain):
         kind = AVOIDABLE
+    if len(scenario.robots) == 1:
+        return Advice(kind, loss, ratio, gain, "With one robot there is nobody to ask.")
     facts = f"robots that ignore each other lose {loss:.2f} each"
     if loss > 0.0:
         facts += f", {_cost_in_words(ratio)}"

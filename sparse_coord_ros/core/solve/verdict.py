@@ -79,7 +79,7 @@ def last_word(
     if fails(found.all_arrived):
         cure = "more steps"
         if not isinstance(learner, Factored):
-            cure = "--learner factored or more steps"
+            cure = "more steps, or --learner factored"
         return Verdict(
             LOST,
             f"In {missed:.1%} of the episodes some robot did not arrive. Try {cure}.",
