@@ -40,7 +40,7 @@ export class Chart {
     const text = (at, words, look) => this.picture.append(svg("text", { class: "tick", x: at[0], y: at[1], ...look }, words));
     this.picture.replaceChildren();
     path(`M${LEFT},${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`);
-    text([(LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5], "time step", { "text-anchor": "middle" });
+    text([(LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5], "time step of learning", { "text-anchor": "middle" });
     const values = [...known(lines.flatMap((line) => line.values)), ...this.range];
     if (!values.length) return;
     const low = Math.min(...values), most = Math.max(...values), high = most > low ? most : low + 1;
