@@ -221,7 +221,7 @@ def test_the_figures(draw):
     upper, lower = draw(some_results()).axes
     assert upper.get_xscale() == lower.get_xscale() == "log"
     said = [text.get_text() for text in upper.texts]
-    regions = ["no need to", "ask where it matters", "always ask"]
+    regions = ["no need to", "ask where it matters", "may always ask"]
     assert said == (regions if draw is when else [])
 
 

@@ -68,7 +68,7 @@ KIND_LINES: Mapping[str, Style] = {
 REGIONS = (
     (0.0, LEAST_RELATIVE_GAIN, "no need to", "#FFFFFF"),
     (LEAST_RELATIVE_GAIN, ALWAYS_PAYS, "ask where it matters", "#F2F2F2"),
-    (ALWAYS_PAYS, np.inf, "always ask", "#DDDDDD"),
+    (ALWAYS_PAYS, np.inf, "may always ask", "#DDDDDD"),
 )
 """Ratios, name and colour of each region."""
 
