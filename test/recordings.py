@@ -486,11 +486,14 @@ def copied(writer, source, messages, attachments=(), *, prefix=""):
         writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
 
 
-def rolled_back(run, directory, step, *, after, missed=0, again=None):
+def rolled_back(
+    run, directory, step, *, after, missed=0, again=None, killed=False, late=()
+):
     """Write a bag of two files: so many steps after a checkpoint the team went back to it.
 
     The recorder that writes the second file gets tables of before from the robots, and misses the
-    first steps if it is told to. The world says the states of the time step `again` twice.
+    first steps if it is told to. The world says the states of the time step `again` twice. Of
+    `late` topics the first file lacks the last two steps. `killed` leaves it unfinished.
     """
     bag = open_bag(run.bag)
     period = run.run.step_period * 1e9
@@ -498,7 +501,21 @@ def rolled_back(run, directory, step, *, after, missed=0, again=None):
     def before(found):
         return [one for one in found if one.log_time_ns < (step + after) * period]
 
-    rewritten(run.bag, directory, before, before)
+    def written(message):
+        return not message.topic.endswith(late) or (
+            message.log_time_ns < (step + after - 2) * period
+        )
+
+    if killed:
+        writer = BagWriter(directory)
+        for name, texts in bag.metadata.items():
+            if name != METADATA_RECORD:
+                writer.add_metadata(name, texts)
+        messages = filter(written, before(bag.messages()))
+        copied(writer, bag, messages, before(bag.attachments))
+        writer.abandon()
+    else:
+        rewritten(run.bag, directory, before, before)
     why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
     with BagWriter(directory, earlier=continued(directory), why=why) as writer:
         messages = [

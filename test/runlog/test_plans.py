@@ -108,3 +108,12 @@ def test_a_run_that_was_stopped_has_no_plans(asked, tmp_path):
     assert asked(bag).same
     found = asked(bag, Forgery("plan", (last_tables(bag), PLAN), "without counts"))
     assert [one.computed for one in found.differences] == ["none: no plan is due"]
+
+
+def test_without_last_tables_nobody_can_tell_a_plan(planned, asked):
+    """Only their counts show whether the robot learned from its last action."""
+    lost = Forgery("lost", ("tables/robot_1_", 1, 1000), "named")
+    found = asked(planned, lost)
+    assert not found.differences
+    whys = [one.why for one in found.unknown]
+    assert sum("robot_1 learned from the last action" in why for why in whys) == 1

@@ -132,6 +132,32 @@ def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, miss
     assert all(one.first < gap[0] for one, gap in zip(found.unknown, gaps, strict=True))
 
 
+LATE = ("/local_state", "/robot_1/reward", "/robot_2/action")
+
+
+@pytest.mark.parametrize("late", [(), *((one,) for one in LATE)])
+@pytest.mark.parametrize("after", [-1, 0, 1])
+def test_a_killed_recorder_may_lack_the_last_steps_before_a_checkpoint(
+    good, tmp_path, after, late
+):
+    """The team goes back to it: without these steps the tables then cannot be computed."""
+    options = {"after": after, "killed": True, "late": late}
+    found = verify(rolled_back(good, tmp_path / "bag", 150, **options))
+    assert found.differences == ()
+    [gap] = found.log.messages.gaps
+    assert 145 <= gap.first <= gap.last == 149
+    [unknown] = found.unknown
+    assert unknown.first == gap.first - MARGIN
+    assert unknown.last > 150, "it goes on at the next checkpoint"
+
+
+def test_a_recorder_that_was_killed_well_after_a_checkpoint_lacks_nothing(
+    good, tmp_path
+):
+    written = rolled_back(good, tmp_path / "bag", 150, after=25, killed=True)
+    assert verify(written).same
+
+
 def test_a_map_that_comes_again_is_known(restarted, good):
     """ROS keeps the last one for late readers."""
     maps = open_bag(good.bag).messages({"/map"})

@@ -131,6 +131,15 @@ class AgentCheck:
             return None
         return {**last.counts, "step": self.end}
 
+    @property
+    def end_known(self) -> bool:
+        """True if the log shows whether the robot learned from its last action.
+
+        Only the counts beside its last tables show it.
+        """
+        could_learn = bool(self.trajectory.told[-1:].any())
+        return self.last_counts is not None or not could_learn
+
     def check(self) -> list[Difference | Unknown]:
         """Return missing tables, and the first action or tables that differ from the agent's."""
         found = list(self._missing_tables())

@@ -54,6 +54,13 @@ def check_plans(log: RunLog, team: Sequence[AgentCheck]) -> list[Difference | Un
             found.append(Unknown(end, None, why))
     if not plans:
         return found
+    ends_unknown = [one.name for one in team if not one.end_known]
+    if ends_unknown:
+        why = (
+            f"no log of whether {', '.join(ends_unknown)} learned from the last action"
+        )
+        found.append(Unknown(end, None, f"{why}: plans are not compared"))
+        return found
     memories = [agent.memory() for agent in agents]
     due = improve(log.run.scenario, log.run.rule, memories).tables
     for plan in sorted(plans, key=lambda plan: plan.robot):

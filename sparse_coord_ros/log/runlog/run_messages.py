@@ -249,12 +249,15 @@ class RunMessages:
             timeline.steps_of(rows, self._period) for rows in self._of_files(wire.CLOCK)
         ]
         heard = [self._heard_from(place) for place in range(len(clocks))]
+        heard_to = [self._heard_to(place) for place in range(len(clocks))]
         last_status = 0
         for rows in self._of_files(wire.STATUS):
             for status in rows:
                 if status is not OF_NO_RUN:
                     last_status = status.step
-        return timeline.gaps(self.bag, clocks, heard, self._backs, last_status)
+        return timeline.gaps(
+            self.bag, clocks, heard, heard_to, self._backs, last_status
+        )
 
     def _take_jumps(self, jumps: Sequence[timeline.Jump]) -> None:
         """Count jumps in the sequence numbers as gaps; in a log without loss they are problems."""
@@ -278,6 +281,18 @@ class RunMessages:
             if rewarded < acted:
                 heard = max(heard, acted)
         return heard
+
+    def _heard_to(self, place: int) -> int:
+        """Return the time step up to which a file has the clock and all robots' states."""
+        topics = [self._of_files(wire.CLOCK)[place]]
+        for k in range(len(self.names)):
+            topics.append(self._of_files(wire.LOCAL_STATE, k)[place])
+        ends = [
+            int(timeline.steps_of(rows, self._period).max())
+            for rows in topics
+            if len(rows)
+        ]
+        return min(ends, default=0)
 
     # Topics with one message a time step.
 

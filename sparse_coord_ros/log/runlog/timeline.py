@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.log.bags.contents import BagFile
 from sparse_coord_ros.log.bags.gaps import Gap
 from sparse_coord_ros.log.bags.metadata import (
     RESTARTED,
@@ -167,6 +168,7 @@ def gaps(
     bag: Bag,
     clocks: Sequence[np.ndarray],
     heard: Sequence[int],
+    heard_to: Sequence[int],
     backs: Sequence[Rollback],
     last_status: int,
 ) -> tuple[list[LostSteps], list[Rollback]]:
@@ -180,6 +182,8 @@ def gaps(
         clocks: for each file the time steps of the clock.
         heard: for each file the first time step from which the recorder received all robots. A
             recorder that comes back may receive the world's messages before a robot's.
+        heard_to: for each file the last time step of the topic that ends first. A recorder that
+            was killed may have lost the last messages of any topic.
         backs: the roll-backs.
         last_status: the time step of the world's last status. A recorder that comes back after the
             run's end receives only that.
@@ -188,6 +192,9 @@ def gaps(
     found: list[LostSteps] = []
     known: list[Rollback] = []
     end = 0  # the newest time step of the files before
+    killed_at: int | None = (
+        None  # `heard_to` of the file before, if its recorder was killed
+    )
     for place, steps in enumerate(clocks):
         back = rollback_of.get(place)
         if back is not None:
@@ -202,13 +209,22 @@ def gaps(
                 first = max(first, heard[place])
             if first - end > EPISODE_GAP:
                 found.append(LostSteps(end + 1, first - 1))
+            elif killed_at is not None and first > killed_at - MARGIN:
+                found.append(LostSteps(min(killed_at + 1, first - 1), first - 1))
             if first < begin:  # the recorder came back while the team went back
                 found.append(LostSteps(first, begin - 1))
         elif why == RESTARTED and place == len(clocks) - 1:
             if last_status - end > EPISODE_GAP:
                 found.append(LostSteps(end + 1, last_status))
         end = max(end, int(steps.max(initial=0)))
+        if len(steps):
+            killed_at = heard_to[place] if _was_killed(bag.files[place]) else None
     return found, known
+
+
+def _was_killed(file: BagFile) -> bool:
+    """Return whether a recorder did not end a file itself."""
+    return not file.finished or file.recovered is not None
 
 
 def with_jumps(
