@@ -192,9 +192,8 @@ def gaps(
     found: list[LostSteps] = []
     known: list[Rollback] = []
     end = 0  # the newest time step of the files before
-    killed_at: int | None = (
-        None  # `heard_to` of the file before, if its recorder was killed
-    )
+    # `heard_to` of the file before, if its recorder was killed.
+    killed_at: int | None = None
     for place, steps in enumerate(clocks):
         back = rollback_of.get(place)
         if back is not None:
