@@ -7,7 +7,7 @@ from functools import cache
 from itertools import product
 
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.core.game.unseen import KINDS, VERSIONS
+from sparse_coord_ros.core.game.unseen import HELP_PLACES, HELPING, KINDS, VERSIONS
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.studies.catalogue import LONG
@@ -25,7 +25,7 @@ CONFLICT = 3.0
 """By how much the joint optimum of a building that counts exceeds shortest paths."""
 
 BLOCKS = ("block:anywhere",)
-INTERACTIONS = ("together", "together:anywhere", "swap", *BLOCKS)
+INTERACTIONS = ("together", "together:anywhere", "swap", *BLOCKS, HELPING)
 
 PARTS: Mapping[str, tuple[str, Mapping[str, object], tuple[str, ...]]] = {
     "all of it": ("factored", {}, INTERACTIONS),
@@ -62,7 +62,8 @@ def _buildings(interactions: str) -> tuple[str, ...]:
     """Return the buildings with a gap."""
     names = []
     for kind, seed in product(KINDS, SEEDS):
-        name = f"{VERSIONS[0]}-{kind}-2r-{seed}"
+        marked = f"-{HELP_PLACES}h" if interactions == HELPING else ""
+        name = f"{VERSIONS[0]}-{kind}-2r{marked}-{seed}"
         scenario = load_scenario(name).with_settings({"interactions": interactions})
         paths = shortest_path_reference(scenario).returns
         if _optimum(scenario) > paths + CONFLICT:
