@@ -38,6 +38,7 @@ from sparse_coord_ros.core.solve.shipped import (
     shipped_best_team,
     shipped_routes,
 )
+from sparse_coord_ros.core.solve.verdict import fails
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
@@ -118,7 +119,7 @@ def execute(options: argparse.Namespace) -> None:
 def _arrivals_in_words(arrives: float) -> str:
     """Return in how many episodes the joint optimum arrives, and what to do where it does not."""
     said = f"; all robots arrive in {100 * arrives:.2f} % of the episodes"
-    if arrives < 0.999:
+    if fails(arrives):
         said += ": help pays more than arriving; choose a smaller reward"
     return said
 

@@ -144,7 +144,7 @@ def _compared(
     steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
     if scenario.interactions.startswith("block"):
         arrive = ""
-        if 1.0 - ignoring.all_arrived > HARDLY_EVER:
+        if fails(ignoring.all_arrived):
             arrive = (
                 f" Robots that ignore each other all arrive in {ignoring.all_arrived:.1%} of the "
                 "trials."
