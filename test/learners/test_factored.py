@@ -10,12 +10,9 @@ from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward, RewardWeights, World
 from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
-from sparse_coord_ros.core.learners.factored import (
-    Factored,
-    key_of,
-    share_of,
-    states_of,
-)
+from sparse_coord_ros.core.learners.corrections import key_of, states_of
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.looking_back import share_of
 from sparse_coord_ros.core.learners.memory import check_memory, taught
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED

@@ -10,14 +10,11 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, PRIMITIVES, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent, Decision
-from sparse_coord_ros.core.learners.factored import (
-    LEAST_VALUE_SHARE,
-    Factored,
-    cell_value,
-    in_the_way,
-    rho_key,
-)
+from sparse_coord_ros.core.learners.corrections import rho_key
+from sparse_coord_ros.core.learners.factored import Factored
+from sparse_coord_ros.core.learners.looking_back import in_the_way
 from sparse_coord_ros.core.learners.mind import place
+from sparse_coord_ros.core.learners.own_moves import LEAST_VALUE_SHARE, cell_value
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact

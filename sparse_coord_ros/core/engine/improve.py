@@ -26,7 +26,7 @@ from sparse_coord_ros.core.game.interactions import NOWHERE
 from sparse_coord_ros.core.game.links import UP
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
-from sparse_coord_ros.core.learners.factored import key_of, states_of
+from sparse_coord_ros.core.learners.corrections import key_of, states_of
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.mind import Memory, learned_rows, memory_of, row_of

@@ -372,24 +372,41 @@ def interacting(
         members: the robots that are in the game.
         k: the robot.
     """
-    found = 0
     y = cells[k]
-    place = inter.places[y]
     helped = inter.helps and inter.posts[y] and is_help(inter, before, cells, members)
-    if place == NOWHERE and not inter.swaps and y == wanted[k] and not helped:
+    found = 0
+    if inter.places[y] == NOWHERE and not inter.swaps and not helped and y == wanted[k]:
         return found
     for j in members:
-        if j == k:
-            continue
-        if together(place, inter.places[cells[j]]):
-            found |= 1 << j
-        if inter.swaps and exchanged(inter.passages, before[k], y, before[j], cells[j]):
-            found |= 1 << j
-        if helped and help_each_other(inter.posts, y, cells[j]):
-            found |= 1 << j
-        if y != wanted[k] and stopped_by(wanted[k], y, before[j], cells[j]):
+        if j != k and interact(inter, before, wanted, cells, k, j, helped):
             found |= 1 << j
     return found
+
+
+@inlined
+def interact(
+    inter: Interactions,
+    before: Any,
+    wanted: Any,
+    cells: Any,
+    k: int,
+    j: int,
+    helped: Any,
+) -> bool:
+    """Return whether robot k interacts with robot j in a step.
+
+    Other arguments are as of `interacting`; `helped`: whether robot k is in a help place, and the
+    step is paid as help.
+    """
+    y = cells[k]
+    z = cells[j]
+    if together(inter.places[y], inter.places[z]):
+        return True
+    if inter.swaps and exchanged(inter.passages, before[k], y, before[j], z):
+        return True
+    if helped and help_each_other(inter.posts, y, z):
+        return True
+    return bool(y != wanted[k] and stopped_by(wanted[k], y, before[j], z))
 
 
 # A team in many steps.

@@ -9,44 +9,58 @@
 By its definition Q^C(x, z, b) = E[r^I + gamma max Q*(y, .)] + E[r^C]: the first term, U, does not
 depend on where the peers are; the second, rho, is 0 in nearly all joint states. A failed percept
 has a row of rho of its own. docs/coordination.md has the rule and its reasons.
+
+Parts of the rule have modules of their own: `own_moves` (U, and the model of moves),
+`corrections` (rho), `looking_back` (two questions in a row), `factored_memory` (checks).
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inlined, inner, of_learner
+from sparse_coord_ros.base.compiling import inlined, of_learner
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.base.npz import MOST_UPDATES, check_range
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.interactions import interactions_of, stops
+from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.core.game.sight import is_ruled_out
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.corrections import (
+    correct,
+    failed_key,
+    gain,
+    learn_rho,
+    rho_key,
+    states_of,
+)
+from sparse_coord_ros.core.learners.factored_memory import check_factored_memory
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import known_q_star
-from sparse_coord_ros.core.learners.mind import (
-    NO_ROW,
-    Memory,
-    Rows,
-    empty_rows,
-    find,
-    place,
+from sparse_coord_ros.core.learners.looking_back import (
+    in_the_way,
+    learn_from_two_questions,
+    loss_of_stop,
+    note_question,
+)
+from sparse_coord_ros.core.learners.mind import Memory, Rows, empty_rows, place
+from sparse_coord_ros.core.learners.own_moves import (
+    LEAST_VALUE_SHARE,
+    count_move,
+    learn_u,
+    plan_cell,
+    plan_move,
+    refresh,
 )
 from sparse_coord_ros.core.learners.rules import (
     MAP_SAMPLES,
-    NOT_PERCEIVED,
     Task,
     Transition,
-    Values,
     greatest,
-    map_samples,
     step_size,
+    toward,
 )
 
 MOST_CREDIT = 8
@@ -62,9 +76,6 @@ stop each other may stand for ever: by that step alone most teams in a lane do."
 
 LEAVE = Spec("leave", (0.5, 0.25))
 """How robots of a team of more than two leave a stand-off, unless another way was chosen."""
-
-LEAST_VALUE_SHARE = 0.36
-"""The least value of a cell in a team of more than two, as a share of a lone robot's."""
 
 
 class Factored(Learner):
@@ -185,50 +196,9 @@ class Factored(Learner):
         return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Check the prior, the successors and counts of moves, r^C, and the last question."""
-        cells = len(scenario.map.cells)
-        prior = prior_of(memory)
-        if prior != scenario.prior:
-            raise ValueError(
-                f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
-                f"prior={prior}"
-            )
+        """As of `Learner`."""
         weight = self.weights(scenario).common
-        felt = weight * scenario.penalties[robot]
-        with_help = weight * (scenario.penalties[robot] + scenario.help_rewards[robot])
-        for name in ("door", "passage"):
-            if not np.isin(memory[name], [0.0, felt, with_help]).all():
-                raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
-        best = memory["q_star"].max(axis=1)
-        kept = np.maximum(best, LEAST_VALUE_SHARE * memory["alone"].max(axis=1))
-        value = memory["value"]
-        if ((value != best) & (value != kept)).any():
-            raise ValueError("value is not the maximum of q_star")
-        made = memory["updates"][:, :PRIMITIVES]
-        modelled = made + map_samples(scenario)
-        for name, most in (("commons", made), ("moved", modelled)):
-            check_range(memory[name], 0, MOST_UPDATES, name)
-            if (memory[name] > most).any():
-                raise ValueError(f"{name} counts a move more often than it was tried")
-        check_range(memory["used"], 0, len(memory["tried"]) + 1, "used")
-        used = int(memory["used"][0])
-        tried = np.sort(memory["tried"][:used])
-        known = np.array_equal(tried, np.flatnonzero(modelled))
-        if not known or memory["tried"][used:].any():
-            raise ValueError("tried are not the moves that were counted")
-        successor = memory["successor"]
-        left = memory["moved"] > 0
-        check_range(successor, 0, cells, "successor")
-        if (
-            successor[~left].any()
-            or (successor == np.arange(cells)[:, None])[left].any()
-        ):
-            raise ValueError(
-                "successor is not another cell just where a move led out of its own"
-            )
-        _check_last(memory["last"], robot, cells)
-        check_range(memory["asked"], 0, LARGEST_WHOLE, "asked")
-        check_range(memory["asked"][1:], 0, cells, "asked")
+        check_factored_memory(scenario, robot, memory, weight)
 
     # One robot.
 
@@ -339,9 +309,12 @@ class Factored(Learner):
         """Learn U, r_bar or rho and W; then replay a move."""
         y = led_to(mind, task, now)
         brought = brought_by_peers(mind, task, now, y)
-        learn_move(mind, task, now, y, brought)
+        count_move(mind, task, now, y)
+        learn_u(mind, task, now, y)
         if now.action == COORDINATE:
             learn_asking(mind, task, now, brought)
+        else:
+            learn_r_bar(mind, task, now, brought)
         refresh(mind, task, now.cell)
         replay(mind, task, now)
 
@@ -409,27 +382,10 @@ class Factored(Learner):
         return False
 
     @staticmethod
+    @staticmethod
     def look_back(mind: Mind, task: Task, now: Transition) -> None:
         """Learn from two questions in a row the result of each move at the first."""
-        last = mind.last
-        first = last[2 + task.number]
-        for b in range(PRIMITIVES):
-            look_ahead(mind, task, now, first, b)
-        correct(mind, task, first, now.seen, now.cells)
-        here = surplus(mind, task, first)
-        here = share_of_surplus(mind, task, first, here)
-        failed = False
-        for peer in range(task.robots):
-            if peer != task.number:
-                peer_cell = last[2 + peer]
-                if peer_cell == NOT_PERCEIVED:
-                    failed = True
-                else:
-                    key = rho_key(first, peer, peer_cell, task.cells, task.robots)
-                    learn_first(mind, task, now, first, key, 1 << peer, here)
-        if failed:
-            key = failed_key(first, task.cells, task.robots)
-            learn_first(mind, task, now, first, key, ~(1 << task.number), here)
+        learn_from_two_questions(mind, task, now)
 
     @staticmethod
     def replay(mind: Mind, task: Task, now: Transition) -> None:
@@ -449,44 +405,6 @@ class Factored(Learner):
             refresh(mind, task, x)
 
 
-def prior_of(memory: Memory) -> str:
-    """Return the setting `prior` of the run in which a robot learned its memory.
-
-    A robot that knows its map counts all moves as tried from the beginning, in their order.
-    """
-    tried = memory["tried"]
-    return "map" if np.array_equal(tried, np.arange(len(tried))) else "none"
-
-
-def _check_last(last: np.ndarray, robot: int, cells: int) -> None:
-    """Check the memory of the last step with COORDINATE."""
-    step, move, *_ = last
-    peers = np.delete(last[2:], robot)
-    failed = bool(np.all(peers == NOT_PERCEIVED))
-    check_range(step, 0, LARGEST_WHOLE, "last")
-    check_range(move, 0, PRIMITIVES, "last")
-    check_range(last[2 + robot], 0, cells, "last")
-    check_range(peers, NOT_PERCEIVED if failed else 0, cells, "last")
-
-
-@of_learner
-def counts(mind: Any, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
-    """As `Factored.counts`."""
-    raise NotImplementedError
-
-
-@of_learner
-def share_of_surplus(mind: Any, task: Task, first: int, here: float) -> float:
-    """As `Factored.share_of_surplus`."""
-    raise NotImplementedError
-
-
-@of_learner
-def cell_value(mind: Any, task: Task, cell: int) -> float:
-    """As `Factored.cell_value`."""
-    raise NotImplementedError
-
-
 @of_learner
 def update_by_percept(mind: Any, task: Task, cell: int, floor: float) -> None:
     """As `Factored.update_by_percept`."""
@@ -495,12 +413,6 @@ def update_by_percept(mind: Any, task: Task, cell: int, floor: float) -> None:
 @of_learner
 def was_stopped(mind: Any, task: Task, now: Transition) -> bool:
     """As `Factored.was_stopped`."""
-    raise NotImplementedError
-
-
-@of_learner
-def loss_of_stop(mind: Any, task: Task) -> float:
-    """As `Factored.loss_of_stop`."""
     raise NotImplementedError
 
 
@@ -520,139 +432,7 @@ def replay(mind: Any, task: Task, now: Transition) -> None:
     """As `Factored.replay`."""
 
 
-# Values.
-
-
-@inner
-def rho_key(cell: int, peer: int, peer_cell: int, cells: int, robots: int) -> int:
-    """Return the key of a row of rho."""
-    return (cell * robots + peer) * cells + peer_cell
-
-
-@inner
-def failed_key(cell: int, cells: int, robots: int) -> int:
-    """Return the key of the row of failed percepts of a cell; of cell number `cells` the end."""
-    return cells * robots * cells + cell
-
-
-def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
-    """Return the states that the keys of rho stand for: shape (rows, 3), int64.
-
-    Args:
-        keys: of rows, shape (rows,).
-        cells: of the map.
-        robots: number of robots.
-
-    Returns:
-        The own cell, the peer (from 0) and its cell; twice `NOT_PERCEIVED` for a failed percept.
-    """
-    seen = keys < failed_key(0, cells, robots)
-    own, rest = np.divmod(keys, robots * cells)
-    peer, place = np.divmod(rest, cells)
-    columns = [
-        np.where(seen, own, keys - failed_key(0, cells, robots)),
-        np.where(seen, peer, NOT_PERCEIVED),
-        np.where(seen, place, NOT_PERCEIVED),
-    ]
-    return np.stack(columns, axis=1)
-
-
-def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
-    """Return the key of a row of rho from its state, as of `states_of`."""
-    cell, peer, place = state
-    if peer == NOT_PERCEIVED:
-        return failed_key(cell, cells, robots)
-    return rho_key(cell, peer, place, cells, robots)
-
-
-def corrections_of(
-    mind: Any, task: Task, cell: int, perceived: Mapping[int, int] | None, move: int
-) -> dict[tuple[int, int], float]:
-    """Return rho of a move, by (peer, its cell); by twice `NOT_PERCEIVED` if the percept failed.
-
-    Args:
-        mind: the robot's mind, as lists.
-        task: its task.
-        cell: the own cell.
-        perceived: the cells of the peers, by peer; None: the percept failed.
-        move: the primitive action.
-    """
-    keys = {(NOT_PERCEIVED, NOT_PERCEIVED): failed_key(cell, task.cells, task.robots)}
-    if perceived is not None:
-        keys = {
-            (peer, place): rho_key(cell, peer, place, task.cells, task.robots)
-            for peer, place in perceived.items()
-        }
-    rows = {place: find(mind.rho, key) for place, key in keys.items()}
-    return {
-        place: 0.0 if row == NO_ROW else mind.rho.values[row][move]
-        for place, row in rows.items()
-    }
-
-
-@inlined
-def refresh(mind: Any, task: Task, cell: int) -> None:
-    """Set Q*(cell, .) from the factors."""
-    u = mind.u[cell]
-    r_bar = mind.r_bar[cell]
-    q_star = mind.q_star[cell]
-    for b in range(PRIMITIVES):
-        q_star[b] = u[b] + r_bar[b]
-    q_star[COORDINATE] = greatest(u, PRIMITIVES) - task.ask_cost + mind.w[cell]
-    mind.value[cell] = cell_value(mind, task, cell)
-
-
-@inlined
-def correct(mind: Any, task: Task, cell: int, seen: int, cells: Any) -> None:
-    """Set `mind.correction` to Q^C(x, z, .) - U(x, .), and `mind.found` to its rows of rho."""
-    for b in range(PRIMITIVES):
-        mind.correction[b] = 0.0
-    if seen == 0:
-        add_row(mind, failed_key(cell, task.cells, task.robots))
-        return
-    for peer in range(task.robots):
-        mind.found[peer] = NO_ROW
-        if peer != task.number and counts(mind, task, peer, cell, cells[peer]):
-            key = rho_key(cell, peer, cells[peer], task.cells, task.robots)
-            mind.found[peer] = add_row(mind, key)
-
-
-@inlined
-def add_row(mind: Any, key: int) -> int:
-    """Add a row of rho to `mind.correction`, if there is one; return it, or `NO_ROW`."""
-    row = find(mind.rho, key)
-    if row != NO_ROW:
-        for b in range(PRIMITIVES):
-            mind.correction[b] += mind.rho.values[row][b]
-    return row
-
-
-@inner
-def gain(u: Values, correction: Values) -> float:
-    """Return the change of the best move's value by a percept."""
-    best = u[0] + correction[0]
-    for b in range(1, PRIMITIVES):
-        best = max(best, u[b] + correction[b])
-    return best - greatest(u, PRIMITIVES)
-
-
-@inner
-def best_move(values: Values) -> int:
-    """Return the best of the four moves, of equal ones the first."""
-    best = 0
-    for b in range(1, PRIMITIVES):
-        if values[b] > values[best]:
-            best = b
-    return best
-
-
 # Learning.
-
-
-@inner
-def toward(value: float, alpha: float, target: float) -> float:
-    """Return a value moved toward a target by a share of the way."""
-    return value + alpha * (target - value)
 
 
 @inlined
@@ -691,89 +471,24 @@ def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
 
 
 @inlined
-def learn_move(mind: Any, task: Task, now: Transition, y: int, brought: float) -> None:
-    """Learn U and the model from a move and, if the robot did not ask, r_bar.
-
-    Args:
-        mind: the robot's mind.
-        task: its task.
-        now: the step.
-        y: the cell where the move leads a robot alone.
-        brought: r^C or the loss from a stop, as of `brought_by_peers`.
-    """
+def learn_r_bar(mind: Any, task: Task, now: Transition, brought: float) -> None:
+    """Learn r_bar from a move without a question; `brought` as of `brought_by_peers`."""
     x = now.cell
     b = now.move
-    count = mind.updates[x][b] + 1
-    mind.updates[x][b] = count
-    if count == 1 and task.map_samples == 0:
-        mind.tried[mind.used[0]] = x * PRIMITIVES + b
-        mind.used[0] += 1
-    if y != x:
-        mind.moved[x][b] += 1
-        mind.successor[x][b] = y
-    after = task.goal_value if y == task.goal else mind.value[y]
-    if task.map_samples > 0:
-        plan_cell(mind, task, x)
-    else:
-        alpha = step_size(task, count, now.floor)
-        target = now.individual + task.discount * after
-        mind.u[x][b] = toward(mind.u[x][b], alpha, target)
-    if now.action != COORDINATE:
-        count = mind.commons[x][b] + 1
-        mind.commons[x][b] = count
-        alpha = max(1.0 / (count + 1), now.floor / max(1.0, task.credit))
-        mind.r_bar[x][b] = toward(mind.r_bar[x][b], alpha, brought)
-
-
-@inlined
-def plan_cell(mind: Any, task: Task, x: int) -> None:
-    """Set U of all moves in a cell to their values in the model."""
-    for b in range(PRIMITIVES):
-        plan_move(mind, task, x, b)
-
-
-@inlined
-def plan_move(mind: Any, task: Task, x: int, b: int) -> None:
-    """Set U of a move, and its value to a robot alone, by the model."""
-    s = mind.successor[x][b]
-    share = mind.moved[x][b] / (mind.updates[x][b] + task.map_samples)
-    arrival = task.goal_reward + task.discount * task.goal_value
-    there = arrival if s == task.goal else task.discount * mind.value[s]
-    here = task.discount * mind.value[x]
-    mind.u[x][b] = share * there + (1.0 - share) * here
-    if task.robots > 2:
-        there = arrival
-        if s != task.goal:
-            there = task.discount * greatest(mind.alone[s], PRIMITIVES)
-        here = task.discount * greatest(mind.alone[x], PRIMITIVES)
-        mind.alone[x][b] = share * there + (1.0 - share) * here
+    count = mind.commons[x][b] + 1
+    mind.commons[x][b] = count
+    alpha = max(1.0 / (count + 1), now.floor / max(1.0, task.credit))
+    mind.r_bar[x][b] = toward(mind.r_bar[x][b], alpha, brought)
 
 
 @inlined
 def learn_asking(mind: Any, task: Task, now: Transition, brought: float) -> None:
-    """Learn from COORDINATE: rho of the percept, and W.
-
-    Args:
-        mind: the robot's mind.
-        task: its task.
-        now: the step.
-        brought: r^C or the loss from a stop, as of `brought_by_peers`.
-    """
-    x = now.cell
-    if now.seen == 0:
-        if is_ruled_out(task.sight, x, x) and brought == now.common:
-            brought = now.felt if now.partners != 0 else 0.0
-        key = failed_key(x, task.cells, task.robots)
-        learn_rho(mind, task, now, place(mind.rho, key), now.move, brought)
-    else:
-        for peer in range(task.robots):
-            if peer != task.number:
-                its = brought if (now.partners >> peer) & 1 else 0.0
-                key = rho_key(x, peer, now.cells[peer], task.cells, task.robots)
-                learn_rho(mind, task, now, place(mind.rho, key), now.move, its)
+    """Learn from COORDINATE: rho of the percept, and W; `brought` as of `brought_by_peers`."""
+    learn_percept(mind, task, now, brought)
     if mind.last[0] == now.step:
         look_back(mind, task, now)
     note_question(mind, task, now)
+    x = now.cell
     correct(mind, task, x, now.seen, now.cells)
     count = mind.updates[x][COORDINATE] + 1
     mind.updates[x][COORDINATE] = count
@@ -783,209 +498,21 @@ def learn_asking(mind: Any, task: Task, now: Transition, brought: float) -> None
 
 
 @inlined
-def learn_rho(
-    mind: Any, task: Task, now: Transition, row: int, b: int, common: float
-) -> None:
-    """Learn one entry of rho from the r^C that its peer caused."""
-    updates = mind.rho.updates[row]
-    values = mind.rho.values[row]
-    count = updates[b] + 1
-    updates[b] = count
-    values[b] = toward(values[b], step_of_rho(task, count, now.floor), common)
+def learn_percept(mind: Any, task: Task, now: Transition, brought: float) -> None:
+    """Learn rho of the move after a question: of each peer, or of the failed percept.
 
-
-@inlined
-def step_of_rho(task: Task, count: int, floor: float) -> float:
-    """Return the step size of an entry's update: less than U's, which counts from 1."""
-    return step_size(task, min(count + 1, len(task.step_sizes) - 1), floor)
-
-
-@inlined
-def note_question(mind: Any, task: Task, now: Transition) -> None:
-    """Note the question of this step, for the next one."""
-    mind.last[0] = now.step + 1
-    mind.last[1] = now.move
-    for robot in range(task.robots):
-        known = robot == task.number or now.seen != 0
-        mind.last[2 + robot] = now.cells[robot] if known else NOT_PERCEIVED
-
-
-# Looking back.
-
-
-@inlined
-def surplus(mind: Any, task: Task, cell: int) -> float:
-    """Return the value of the percept of `mind.correction` in a cell one step later.
-
-    It is counted beyond the average of percepts there.
+    If a failed percept rules out a peer in the own cell, it learns r^C as often as it was felt,
+    without the credit.
     """
-    value: float = task.discount * (gain(mind.u[cell], mind.correction) - mind.w[cell])
-    return value
-
-
-@inlined
-def look_ahead(mind: Any, task: Task, now: Transition, first: int, b: int) -> None:
-    """Set the value of a second question where a move leads, and the peers in the way there.
-
-    Args:
-        mind: the robot's mind; `there` and `obstruction` are set.
-        task: the robot's task.
-        now: the step with the second question.
-        first: the cell of the first question.
-        b: the move.
-    """
-    s = mind.successor[first][b]
-    known = mind.moved[first][b] > 0 and s != task.goal
-    mind.there[b] = 0.0
-    for peer in range(task.robots):
-        mind.obstruction[b][peer] = 0.0
-    if not known:
+    x = now.cell
+    if now.seen == 0:
+        if is_ruled_out(task.sight, x, x) and brought == now.common:
+            brought = now.felt if now.partners != 0 else 0.0
+        key = failed_key(x, task.cells, task.robots)
+        learn_rho(mind, task, now, place(mind.rho, key), now.move, brought)
         return
-    correct(mind, task, s, now.seen, now.cells)
-    mind.there[b] = surplus(mind, task, s)
-    if now.seen != 0:
-        best = best_move(mind.u[s])
-        for peer in range(task.robots):
-            row = mind.found[peer]
-            if row != NO_ROW:
-                mind.obstruction[b][peer] = min(0.0, mind.rho.values[row][best])
-
-
-@inlined
-def in_the_way(mind: Any, task: Task, first: int) -> int:
-    """Return the number of peers in the way at the first of two questions."""
-    count = 0
-    best = best_move(mind.u[first])
     for peer in range(task.robots):
-        peer_cell = mind.last[2 + peer]
-        if peer != task.number and peer_cell != NOT_PERCEIVED:
-            key = rho_key(first, peer, peer_cell, task.cells, task.robots)
-            row = find(mind.rho, key)
-            if row != NO_ROW and mind.rho.values[row][best] < 0.0:
-                count += 1
-    return count
-
-
-@inlined
-def learn_first(
-    mind: Any,
-    task: Task,
-    now: Transition,
-    first: int,
-    key: int,
-    peers: int,
-    here: float,
-) -> None:
-    """Learn the results of the moves at the first question, for one row of rho.
-
-    Each move that was tried would have led to its successor, or left the robot in its cell. Where
-    a peer is now, and r^C was once paid there, the move would have cost r^C. (For the actual move
-    r^C is learned already.) The new cell counts with the value of a second question there, and
-    so does waiting, if peers are in the way.
-
-    Args:
-        mind: the robot's mind.
-        task: the robot's task.
-        now: the step with the second question.
-        first: the cell of the first question.
-        key: of the row of the percept there.
-        peers: the peers of the row, the sum of 2^j; all peers for a failed percept.
-        here: the value of the second question in the first cell.
-    """
-    row = place(mind.rho, key)
-    rho = mind.rho.values[row]
-    updates = mind.rho.updates[row]
-    owed = here if rho[best_move(mind.u[first])] < 0.0 else 0.0
-    for b in range(PRIMITIVES):
-        made = mind.updates[first][b] + task.map_samples
-        if made == 0:
-            continue
-        share = mind.moved[first][b] / made
-        s = mind.successor[first][b]
-        stopped = would_stop(mind, task, now, peers, first, s)
-        brought = (1.0 - share) * owed
-        if stopped:
-            brought += share * here
-        else:
-            brought += share * mind.there[b] * share_of(mind, task, peers, b)
-        if b == mind.last[1]:
-            rho[b] += step_of_rho(task, updates[b], now.floor) * brought
-        elif now.seen != 0 or (
-            is_empty(task, now, first) and (share == 0.0 or is_empty(task, now, s))
-        ):
-            if is_met(task, now, peers, first):
-                brought += (1.0 - share) * mind.door[first]
-            if stopped:
-                brought -= share * loss_of_stop(mind, task)
-            elif is_met(task, now, peers, s):
-                brought += share * mind.door[s]
-            elif task.swaps and would_exchange(mind, task, now, peers, first, s):
-                brought += share * mind.passage[s]
-            if brought != 0.0 or rho[b] != 0.0:
-                learn_rho(mind, task, now, row, b, brought)
-
-
-@inlined
-def share_of(mind: Any, task: Task, peers: int, b: int) -> float:
-    """Return these peers' share of the obstruction; if no peer is in the way, shares are equal.
-
-    Args:
-        mind: the robot's mind.
-        task: the robot's task.
-        peers: the sum of 2^j.
-        b: the move.
-    """
-    count = 0
-    some = 0.0
-    whole = 0.0
-    for j in range(task.robots):
-        whole += mind.obstruction[b][j]
-        if (peers >> j) & 1:
-            count += 1
-            some += mind.obstruction[b][j]
-    return some / whole if whole < 0.0 else count / (task.robots - 1)
-
-
-@inlined
-def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
-    """Return whether one of the peers (the sum of 2^j) was perceived in a cell."""
-    if now.seen == 0:
-        return False
-    for j in range(task.robots):
-        if (peers >> j) & 1 and now.cells[j] == cell:
-            return True
-    return False
-
-
-@inlined
-def would_exchange(
-    mind: Any, task: Task, now: Transition, peers: int, first: int, s: int
-) -> bool:
-    """Return whether the robot would have exchanged cells with a peer, going from first to s."""
-    if now.seen == 0:
-        return False
-    for j in range(task.robots):
-        if (peers >> j) & 1 and mind.last[2 + j] == s and now.cells[j] == first:
-            return True
-    return False
-
-
-@inlined
-def would_stop(
-    mind: Any, task: Task, now: Transition, peers: int, first: int, s: int
-) -> bool:
-    """Return whether a peer would have stopped the robot on its way from first to s."""
-    if not task.blocks or now.seen == 0 or not mind.narrow[s]:
-        return False
-    for j in range(task.robots):
-        if (peers >> j) & 1:
-            before = mind.last[2 + j]
-            if stops(s, first, before, now.cells[j], j < task.number):
-                return True
-    return False
-
-
-@inlined
-def is_empty(task: Task, now: Transition, cell: int) -> bool:
-    """Return whether a failed percept proves that a cell is empty; only with one peer."""
-    return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)
+        if peer != task.number:
+            its = brought if (now.partners >> peer) & 1 else 0.0
+            key = rho_key(x, peer, now.cells[peer], task.cells, task.robots)
+            learn_rho(mind, task, now, place(mind.rho, key), now.move, its)

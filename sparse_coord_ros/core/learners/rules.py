@@ -220,6 +220,12 @@ def step_size(task: Task, count: int, floor: float) -> float:
     return floor
 
 
+@inner
+def toward(value: float, alpha: float, target: float) -> float:
+    """Return a value moved toward a target by a share of the way."""
+    return value + alpha * (target - value)
+
+
 @inlined
 def expected(mind: Any, task: Task, now: Transition) -> float:
     """Return the expected return from X_k(t+1): the value of the goal, or `bootstrap`."""

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.learners.factored import Factored, corrections_of
+from sparse_coord_ros.core.learners.corrections import corrections_of
+from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.mind import memory_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
