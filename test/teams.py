@@ -17,9 +17,10 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.rules import expected, reward_of
 from sparse_coord_ros.core.runs.history import HistoryRecorder, concatenated
-from sparse_coord_ros.core.runs.run import LearningRun, Team, groups_of
+from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team, tables_from_values
+from sparse_coord_ros.core.runs.team import Team, groups_of
 
 PROTOCOL = {
     "starts": "random",

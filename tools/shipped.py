@@ -36,7 +36,8 @@ from sparse_coord_ros.core.engine.batch import prepare
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, VERSIONS, split_of
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
 from sparse_coord_ros.core.solve.group_bound import group_bound
 from sparse_coord_ros.core.solve.optimum import joint_optimum

@@ -22,8 +22,8 @@ from sparse_coord_ros.core.solve.asking_search import (
     WARNING,
     check_two_robots,
     find_asking_team,
-    in_words,
 )
+from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.optimum import (
     MOST_JOINT_STATES,
     arrivals_of_optimum,

@@ -21,8 +21,9 @@ from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import FREE
 from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
-from sparse_coord_ros.core.runs import run as engine
-from sparse_coord_ros.core.runs.run import LearningRun, Stopped, Team
+from sparse_coord_ros.core.runs import team as team_module
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Stopped, Team
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")
 
@@ -60,7 +61,7 @@ def test_penalties_are_paid_by_their_factors():
 
 
 def test_hashed_tables_grow_and_stay_half_empty(monkeypatch):
-    monkeypatch.setattr(engine, "BLOCK_STEPS", 32)
+    monkeypatch.setattr(team_module, "BLOCK_STEPS", 32)
     monkeypatch.setattr(mind, "DENSE_ROWS", 0)
     monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
     scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)

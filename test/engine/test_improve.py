@@ -18,7 +18,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.evaluation import play
-from sparse_coord_ros.core.runs.run import Team
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve import asking_loops, asking_search
 from sparse_coord_ros.core.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.core.solve.exact import evaluate_exact

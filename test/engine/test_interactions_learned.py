@@ -8,7 +8,8 @@ from teams import drawn
 
 from sparse_coord_ros.core.engine.batch import prepare
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 
 AISLE = "1.......2"
 LANE = "1..###..2\n...DDD...\n...###..."

@@ -13,7 +13,8 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import part
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import JointTable, tables_equal
-from sparse_coord_ros.core.runs.run import LearningRun, Team, learn
+from sparse_coord_ros.core.runs.run import LearningRun, learn
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")

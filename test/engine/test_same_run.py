@@ -23,8 +23,9 @@ from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners import mind
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs import run as engine
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs import team as team_module
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 
 GIVEN = {
     **PROTOCOL,
@@ -253,7 +254,7 @@ def agents(case, folder, monkeypatch):
 
 def in_pieces(case, folder, monkeypatch):
     """Plain and compiled in turn, each going on from a file of the other."""
-    monkeypatch.setattr(engine, "BLOCK_STEPS", 64)
+    monkeypatch.setattr(team_module, "BLOCK_STEPS", 64)
     scenario, rule = problem(case)
     stops = OFTEN if case.endswith("short") else STOPS
     run = in_parts(scenario, rule, SEED, (*stops, scenario.steps), folder)

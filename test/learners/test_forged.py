@@ -26,8 +26,9 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.evaluation import check_tables, play
 from sparse_coord_ros.core.runs.history import history_from, load_history
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team, save_team
+from sparse_coord_ros.core.runs.team import Team
 
 HEADER = "{{'descr': {!r}, 'fortran_order': False, 'shape': {}, }}"
 

@@ -21,7 +21,8 @@ from sparse_coord_ros.core.learners.rules import (
     REPLAYS,
     replays_of,
 )
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 
 BLENDS = ("coop", "noncoop", "indiv", "factored")
 """Learners that can begin without the map, too."""

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import memory_of
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.tables import (
     TEAM_FILE,
     load_saved,
@@ -22,6 +22,7 @@ from sparse_coord_ros.core.runs.tables import (
     tables_from_values,
     unpack_saved,
 )
+from sparse_coord_ros.core.runs.team import Team
 
 
 @pytest.fixture

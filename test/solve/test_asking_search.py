@@ -18,9 +18,9 @@ from sparse_coord_ros.core.solve.asking_loops import PLAIN
 from sparse_coord_ros.core.solve.asking_search import (
     LETTERS,
     find_asking_team,
-    in_words,
     tables_of_policies,
 )
+from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference

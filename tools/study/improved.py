@@ -15,8 +15,8 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.engine.batch import prepare
 from sparse_coord_ros.core.engine.improve import improve
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs import run as engine
 from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import exact_means
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_best
@@ -38,7 +38,7 @@ BUILDINGS = ((2, SHORT, 10), (2, LONG, 10), (4, LONG, 9))
 MANY = ("env2-4r", "crowd-6r", "crowd-8r", LONG, 100)
 
 
-class Team(NamedTuple):
+class ImprovedTeam(NamedTuple):
     """One team: its value as learned and as improved, and seconds."""
 
     learned: float
@@ -108,17 +108,19 @@ def _row(
     }
 
 
-def teams_of(condition: Condition, count: int, kept: Path) -> list[Team]:
+def teams_of(condition: Condition, count: int, kept: Path) -> list[ImprovedTeam]:
     """Let teams learn and improve, and judge them in the true game; keep each."""
     scenario = condition.scenario
     learner = learner_of(condition.learner)
     file = kept / f"{condition.id.replace('/', '-')}.json"
     found = (
-        [Team(*one) for one in json.loads(file.read_text())] if file.exists() else []
+        [ImprovedTeam(*one) for one in json.loads(file.read_text())]
+        if file.exists()
+        else []
     )
     kept.mkdir(parents=True, exist_ok=True)
     prepare(learner)
-    compiled = engine.Team(scenario, learner, compiled=True)
+    compiled = Team(scenario, learner, compiled=True)
     for seed in range(SEED + len(found), SEED + count):
         print(
             f"\r{condition.id} {seed - SEED}", end="\x1b[K", file=sys.stderr, flush=True
@@ -135,6 +137,6 @@ def teams_of(condition: Condition, count: int, kept: Path) -> list[Team]:
                 minds = compiled.initial([table.memory for table in tables])
                 means = compiled.play(minds, seed, TRIALS)
             worth.append(float(means.returns.mean()))
-        found.append(Team(worth[0], worth[1], seconds))
+        found.append(ImprovedTeam(worth[0], worth[1], seconds))
         write_whole(file, json.dumps(found))
     return found[:count]

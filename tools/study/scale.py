@@ -22,7 +22,8 @@ from sparse_coord_ros.core.game.scenario import (
     scenario_from_dict,
 )
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.lab.maps.plan import suggested_settings
 
 SIDE = 13

@@ -37,7 +37,8 @@ from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.forms import agrees
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import exact_means
 
 SMALL = "env1"

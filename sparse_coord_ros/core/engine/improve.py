@@ -34,9 +34,9 @@ from sparse_coord_ros.core.learners.policy import asks_surely
 from sparse_coord_ros.core.learners.registry import check_improvable
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.run import Team
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, create_output
 from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.core.solve.asking_loops import AskingPolicies
 from sparse_coord_ros.core.solve.asking_search import climbed
@@ -200,6 +200,19 @@ def _of_a_pair(
     learned: Scenario, learner: Learner, memories: Sequence[Memory]
 ) -> tuple[float, float, list[Memory]]:
     """Climb by exact values; return the value before and after, and the new memories."""
+    team = _policies_learned(learned, learner, memories)
+    before, value, better, visited = climbed(learned, team)
+    improved = [
+        _following(learned, learner, k, memory, better, visited[k])
+        for k, memory in enumerate(memories)
+    ]
+    return before, value, improved
+
+
+def _policies_learned(
+    learned: Scenario, learner: Learner, memories: Sequence[Memory]
+) -> AskingPolicies:
+    """Return the greedy policies of a pair."""
     tables = [Tables(learned, learner, k, memory) for k, memory in enumerate(memories)]
     cells = range(len(learned.map.cells))
     asks = np.array([asks_surely(table.q_star.T) for table in tables])
@@ -207,19 +220,37 @@ def _of_a_pair(
     unseen = [[table.values_asking(x, 0, ()) for x in cells] for table in tables]
     moves = np.where(asks, np.argmax(unseen, axis=2), best)
     seen = np.array([np.argmax(np.asarray(table.q_coord), axis=-1) for table in tables])
-    before, value, team, visited = climbed(learned, AskingPolicies(moves, asks, seen))
-    improved = []
-    for k, memory in enumerate(memories):
-        star = memory["q_star"].copy()
-        chosen = np.where(team.asks[k], COORDINATE, team.moves[k])
-        for x in np.flatnonzero(visited[k]).tolist():
-            star[x] = preferring(star[x], chosen[x])
-        after: dict[tuple[int, int, int], int] = {}
-        for x in np.flatnonzero(team.asks[k]).tolist():
-            after |= {(x, 1 - k, z): team.seen[k, x, z] for z in cells}
-            after[x, NOT_PERCEIVED, NOT_PERCEIVED] = team.moves[k, x]
-        improved.append(_acting(learned, learner, memory, star, after))
-    return before, value, improved
+    return AskingPolicies(moves, asks, seen)
+
+
+def _following(
+    learned: Scenario,
+    learner: Learner,
+    k: int,
+    memory: Memory,
+    team: AskingPolicies,
+    visited: np.ndarray,
+) -> Memory:
+    """Return the memory of robot k that acts by the policy of a pair.
+
+    Args:
+        learned: the game as the team knows it.
+        learner: the learner.
+        k: the robot, from 0.
+        memory: its memory.
+        team: the policies.
+        visited: whether the robot acts in a cell, shape (cells,).
+    """
+    star = memory["q_star"].copy()
+    chosen = np.where(team.asks[k], COORDINATE, team.moves[k])
+    for x in np.flatnonzero(visited).tolist():
+        star[x] = preferring(star[x], chosen[x])
+    after: dict[tuple[int, int, int], int] = {}
+    for x in np.flatnonzero(team.asks[k]).tolist():
+        for z in range(len(learned.map.cells)):
+            after[x, 1 - k, z] = team.seen[k, x, z]
+        after[x, NOT_PERCEIVED, NOT_PERCEIVED] = team.moves[k, x]
+    return _acting(learned, learner, memory, star, after)
 
 
 def _by_trials(
@@ -333,7 +364,8 @@ def _better(team: Team, minds: Any, best: Trials) -> Trials | None:
         return None
     found = team.play(minds, 0, PLAN_TRIALS, paired=True)
     gain = (found.returns - best.returns).mean(axis=1)
-    return found if gain.mean() > GAIN_ERRORS * gain.std() / PLAN_TRIALS**0.5 else None
+    error = gain.std() / PLAN_TRIALS**0.5
+    return found if gain.mean() > GAIN_ERRORS * error else None
 
 
 Change = list[tuple[Any, np.ndarray]]
@@ -383,9 +415,8 @@ def _other_route(mind: Any, route: np.ndarray) -> Change:
     """Return the change of a robot that takes another route, with U of that, [cell, move]."""
     u = np.array(mind.u)
     star = np.array(mind.q_star)
-    star += np.column_stack([route, route.max(axis=1)]) - np.column_stack(
-        [u, u.max(axis=1)]
-    )
+    new = np.column_stack([route, route.max(axis=1)])
+    star += new - np.column_stack([u, u.max(axis=1)])
     change = [(mind.q_star[x], row) for x, row in enumerate(star)]
     return change + [(mind.u[x], row) for x, row in enumerate(route)]
 
@@ -461,9 +492,8 @@ def _acting(
         lone = u[state[0]]
         row = rows.get(state, np.zeros(PRIMITIVES))
         rows[state] = preferring(lone + row, move) - lone
-    return _with_values(
-        scenario, learner, {**memory, **rows_as_learned(rows, cells, robots)}, star, u
-    )
+    planned = {**memory, **rows_as_learned(rows, cells, robots)}
+    return _with_values(scenario, learner, planned, star, u)
 
 
 def rows_as_learned(

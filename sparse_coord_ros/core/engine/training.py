@@ -30,8 +30,9 @@ from sparse_coord_ros.core.learners.registry import (
 from sparse_coord_ros.core.learners.rules import replays_of
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
 from sparse_coord_ros.core.runs.forms import check_own_memory
-from sparse_coord_ros.core.runs.run import LearningRun, Team, TeamTransition
+from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.runs.team import Team
 
 EVERY = Setting(
     "evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000

@@ -24,7 +24,7 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.run import Team
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.runs.trials import Trials
 
 MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks")

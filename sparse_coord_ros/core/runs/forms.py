@@ -15,7 +15,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.learners.tables import memories_equal
-from sparse_coord_ros.core.runs.run import LearningRun, Team
+from sparse_coord_ros.core.runs.run import LearningRun
+from sparse_coord_ros.core.runs.team import Team
 
 STEPS = 1000
 """Time steps that a learner of one's own makes in both forms before it is used compiled."""

@@ -1,29 +1,17 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One learning run, plain or compiled, that can stop between any two transitions and continue.
+"""One learning run, plain or compiled, that can stop between any two transitions and continue."""
 
-Both forms run the loops of `core.runs.loop`: in plain Python on lists, compiled on arrays.
-"""
-
-from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.core.game import streams
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import PlainDraws, compiled_draws
+from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.interactions import miscoordinate
 from sparse_coord_ros.core.game.perception import asked_peers
-from sparse_coord_ros.core.game.percepts import percepts_can_fail
-from sparse_coord_ros.core.game.rules import (
-    EPISODE_GAP,
-    INDEX,
-    problem_of,
-)
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.world import (
     FIRST_STEP,
     Action,
@@ -33,40 +21,18 @@ from sparse_coord_ros.core.game.world import (
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import (
     Memory,
-    as_lists,
     has_room,
     memory_of,
-    part,
     rows_in,
-    stacked,
     with_room,
 )
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.rules import (
-    leaving_of,
-    map_samples,
-    replays_of,
-)
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.history import History, blank_history, concatenated
 from sparse_coord_ros.core.runs.loop import DONE, EPISODE_START, PLACED, STEP
+from sparse_coord_ros.core.runs.team import Team, block_of
 from sparse_coord_ros.core.runs.trials import Trials
-
-BLOCK_STEPS = 32_768
-"""Steps of robots for which tables and the history get room at once."""
-
-NEVER = 1 << 62
-"""A time step that no run reaches."""
-
-
-def block_of(robots: int) -> int:
-    """Return the time steps for which a team gets room at once: a larger one needs more a step."""
-    return max(1, BLOCK_STEPS // robots)
-
-
-class Stopped(Exception):  # noqa: N818 - no error: the run is not wanted any more
-    """A run was given up between two transitions."""
 
 
 class LearningState(NamedTuple):
@@ -103,251 +69,6 @@ class TeamTransition(NamedTuple):
     miscoordination: bool
     rewards: Sequence[Any] = ()
     ends: Sequence[int | None] = ()
-
-
-def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
-    """Return the robots (from 0) that learn together.
-
-    They are all, or for a learner that learns `alone` each robot by itself: one robot at a time
-    in the world, each for the whole budget, so that robots never meet (paper, Section 4).
-    """
-    everyone = list(range(len(scenario.robots)))
-    return [[k] for k in everyone] if learner.alone else [everyone]
-
-
-class Team:
-    """One scenario and learner in one form, for many runs.
-
-    Args:
-        scenario: the problem and its protocol.
-        learner: the learner.
-        compiled: whether numba computes it.
-        stop: where its one entry is set, runs raise `Stopped` at the next transition.
-
-    Raises:
-        SettingError: the learner cannot learn the scenario.
-    """
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        learner: Learner,
-        *,
-        compiled: bool,
-        stop: np.ndarray | None = None,
-    ) -> None:
-        learner.check(scenario)
-        self.scenario = scenario
-        self.learner = learner
-        self.compiled = compiled
-        self.loops = loop.compiled(learner.Mind.learner) if compiled else loop.PLAIN
-        self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
-        self._minds = learner.minds(scenario)
-        sizes = step_sizes(scenario.step_size, scenario.steps)
-        everyone = np.arange(len(scenario.robots), dtype=INDEX)
-        leaving, leaving_share = leaving_of(scenario)
-        rule = loop.Rule(
-            problem=problem_of(scenario, plain=not compiled),
-            members=everyone,
-            actions=len(ACTIONS) if learner.asks else PRIMITIVES,
-            max_steps=scenario.max_steps,
-            exploring=probabilities(scenario.starts, scenario.steps),
-            epsilon=probabilities(scenario.epsilon, scenario.steps),
-            floors=sizes.by_step,
-            weights=np.array(learner.weights(scenario)),
-            goal_value=scenario.goal_value,
-            step_sizes=sizes.by_count,
-            map_samples=map_samples(scenario),
-            replays=replays_of(scenario),
-            leaving=leaving,
-            leaving_share=leaving_share,
-            tasks=None,
-        )
-        groups = groups_of(scenario, learner)
-        self.rules = [
-            self._formed(rule._replace(members=np.array(own, dtype=INDEX)))
-            for own in groups
-        ]
-        greedy: dict[str, Any] = {
-            "max_steps": scenario.horizon,
-            "exploring": np.zeros(1),
-            "epsilon": np.zeros(1),
-        }
-        self._trying = self._formed(rule._replace(**greedy))
-        self._readers = [
-            learner.task(scenario, k, np.zeros(1)) for k in range(len(scenario.robots))
-        ]
-
-    def _formed(self, rule: loop.Rule) -> loop.Rule:
-        """Return a rule for the loops: as it is, or for plain Python with lists."""
-        if self.compiled:
-            return rule
-        names = ("exploring", "epsilon", "floors", "step_sizes")
-        tables: dict[str, Any] = {
-            name: array("d", getattr(rule, name).tobytes()) for name in names
-        }
-        members = rule.members.tolist()
-        weights = rule.weights.tolist()
-        listed = rule._replace(members=members, weights=weights, **tables)
-        tasks = [
-            self.learner.task(self.scenario, k, listed.step_sizes)
-            for k in range(len(self.scenario.robots))
-        ]
-        return listed._replace(tasks=tasks)
-
-    def initial(self, memories: Sequence[Memory] = ()) -> Any:
-        """Return the minds of robots with these memories; without memories, before learning."""
-        if self.compiled:
-            return stacked(self._minds, block_of(len(self._minds)), memories)
-        known = memories or (None,) * len(self._minds)
-        return [
-            as_lists(mind, memory)
-            for mind, memory in zip(self._minds, known, strict=True)
-        ]
-
-    def state(
-        self, rule: loop.Rule, seed: int, phase: int, position: Position
-    ) -> loop.State:
-        """Return a game in progress, at a position."""
-        clock = [
-            position.step,
-            position.episode_start,
-            position.transitions,
-            int(position.under_way),
-            NEVER,
-        ]
-        team = len(self.scenario.robots)
-        arrived = [int(home) for home in position.arrived]
-        if self.compiled:
-            members = rule.members
-            draws: Any = compiled_draws(
-                self.scenario,
-                seed,
-                phase,
-                self._looked_at(rule, phase),
-                members,
-                position.step,
-            )
-            cells = np.array(position.cells, dtype=INDEX)
-            game = loop.GameState(np.array(clock), cells, np.array(arrived))
-            chosen = np.zeros((4, team), dtype=INDEX)
-            chosen[0] = cells
-            choice = loop.Choices(
-                cells=chosen[0],
-                actions=chosen[1],
-                moves=chosen[2],
-                wanted=chosen[3],
-                seen=np.zeros(team, dtype=np.int64),
-                values=np.zeros(PRIMITIVES),
-            )
-        else:
-            draws = PlainDraws(self.scenario, seed, phase)
-            game = loop.GameState(clock, list(position.cells), arrived)
-            choice = loop.Choices(
-                cells=list(position.cells),
-                actions=[0] * team,
-                moves=[0] * team,
-                wanted=[0] * team,
-                seen=[0] * team,
-                values=[0.0] * PRIMITIVES,
-            )
-        return loop.State(rule, game, choice, draws, self._stop)
-
-    def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
-        """Return whether the draws of each role are used."""
-        learning = phase == streams.LEARNING
-        can_fail = self.learner.asks and percepts_can_fail(self.scenario)
-        return {
-            streams.POLICY: True,
-            streams.MOTION: True,
-            streams.PERCEPT: can_fail,
-            streams.START: bool(np.any(rule.exploring)),
-            streams.REPLAY: learning and self.learner.draws,
-            streams.BLIND: learning and self.learner.asks,
-            streams.LEAVE: rule.leaving > 0.0,
-        }
-
-    def play(
-        self,
-        minds: Any,
-        seed: int,
-        trials: int,
-        *,
-        paired: bool = False,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Trials:
-        """Play greedy trials.
-
-        Args:
-            minds: the robots' minds.
-            seed: seed of the trials.
-            trials: number of trials.
-            paired: whether a trial has the same draws whatever happened in those before it.
-            progress: called with the trials played and all of them, before each one.
-
-        Raises:
-            Stopped: the run is not wanted any more.
-        """
-        scenario = self.scenario
-        team = len(scenario.robots)
-        cells = len(scenario.map.cells)
-        position = before_episode(0, FIRST_STEP + EPISODE_GAP, team)
-        state = self.state(self._trying, seed, streams.EVALUATION, position)
-        results = np.zeros((trials, team, 4))
-        asked, stays = np.zeros((2, team, cells), dtype=np.int64)
-        filled: Any = (results, asked, stays)
-        if not self.compiled:
-            filled = [table.tolist() for table in filled]
-        with self.learner.blamed("acting"):
-            if progress is not None:
-                for played in range(trials):
-                    progress(played, trials)
-                    self.loops.play(state, minds, *filled, played + 1, paired)
-            self.loops.play(state, minds, *filled, trials, paired)
-        results, asked, stays = map(np.asarray, filled)
-        self.check_wanted()
-        times = results[:, :, loop.TIME]
-        return Trials(
-            returns=results[:, :, loop.RETURN],
-            time_to_goal=np.minimum(times, float(scenario.horizon)),
-            asks=results[:, :, loop.ASKS],
-            arrived=times <= scenario.horizon,
-            miscoordinations=results[:, 0, loop.CONFLICTS],
-            asked=asked,
-            stays=stays,
-        )
-
-    def tables(self, minds: Any) -> list[Tables]:
-        """Return each robot's tables, a copy."""
-        found = []
-        for k in range(len(self.scenario.robots)):
-            mind = self.mind(minds, k)
-            memory = memory_of(mind)
-            found.append(
-                Tables(self.scenario, self.learner, k, memory, self._q_coord(mind, k))
-            )
-        return found
-
-    def _q_coord(self, mind: Any, k: int) -> np.ndarray | None:
-        """Return Q^C of a pair by the compiled loop; None if the team is not compiled."""
-        team = len(self.scenario.robots)
-        cells = len(self.scenario.map.cells)
-        if not self.compiled or self.scenario.sparse or team == 1:
-            return None
-        peer = 1 if k == 0 else 0
-        table = np.zeros((cells, cells, PRIMITIVES))
-        task = self._readers[k]
-        self.loops.tabulate(mind, task, peer, np.zeros(team, dtype=np.int64), table)
-        return table
-
-    def mind(self, minds: Any, k: int) -> Any:
-        """Return what robot k (from 0) knows: it goes on learning in it."""
-        return part(minds, k) if self.compiled else minds[k]
-
-    def check_wanted(self) -> None:
-        """Raise `Stopped` where the run is not wanted any more."""
-        if self._stop[0]:
-            raise Stopped
 
 
 class LearningRun:

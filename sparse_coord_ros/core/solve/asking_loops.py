@@ -291,12 +291,15 @@ def best_at(
     """
     asks0 = asks_at(game, policy, 0, x)
     asks1 = asks_at(game, policy, 1, y)
-    sees = game.percept[x, y] if asks0 else 0.0, game.percept[y, x] if asks1 else 0.0
-    cost = (game.cost[0] if asks0 else 0.0) + (game.cost[1] if asks1 else 0.0)
+    sees0 = game.percept[x, y] if asks0 else 0.0
+    sees1 = game.percept[y, x] if asks1 else 0.0
+    sees = (sees0, sees1)
+    cost0 = game.cost[0] if asks0 else 0.0
+    cost1 = game.cost[1] if asks1 else 0.0
     move0 = STAY if x == game.goals[0] else policy.moves[0, x]
     move1 = STAY if y == game.goals[1] else policy.moves[1, y]
-    chooses0 = sees[0] > 0.0 and free[0]
-    chooses1 = sees[1] > 0.0 and free[1]
+    chooses0 = sees0 > 0.0 and free[0]
+    chooses1 = sees1 > 0.0 and free[1]
     seen0 = policy.seen[0, x, y]
     seen1 = policy.seen[1, y, x]
     best = -np.inf
@@ -305,7 +308,7 @@ def best_at(
     for i in tried(chooses0, seen0):
         for j in tried(chooses1, seen1):
             gain, stay = expected(game, value, x, y, sees, (i, j), (move0, move1))
-            found = (gain - cost) / (1.0 - game.discount * stay)
+            found = (gain - (cost0 + cost1)) / (1.0 - game.discount * stay)
             if found > best + 1e-12:
                 best = found
                 best0 = i
@@ -417,12 +420,10 @@ def promising(
     enough = 0.5 * LEAST_GAIN * (1.0 - game.discount)
     for z in range(cells):
         a, b = (x, z) if k == 0 else (z, x)
-        if space.inside[a * cells + b]:
-            if (
-                best_at(game, policy, free, space.value, a, b)
-                > space.value[a, b] + enough
-            ):
-                return True
+        if not space.inside[a * cells + b]:
+            continue
+        if best_at(game, policy, free, space.value, a, b) > space.value[a, b] + enough:
+            return True
     return False
 
 

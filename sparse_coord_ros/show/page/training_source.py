@@ -4,8 +4,9 @@
 
 import time
 
-from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition, groups_of
+from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.team import groups_of
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.bag_source import SHOWN_RATE
