@@ -70,14 +70,11 @@ from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     shipped_asking_team,
 )
-from sparse_coord_ros.studies.benchmark import (
-    Entry,
-    Leaderboard,
-    benchmark,
-    load_leaderboard,
-)
+from sparse_coord_ros.studies.benchmark import Entry, benchmark
 from sparse_coord_ros.studies.catalogue import experiment_names
+from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.leaderboard import Leaderboard, load_leaderboard
 from sparse_coord_ros.studies.runner import (
     ExperimentResults,
     Progress,
@@ -85,7 +82,7 @@ from sparse_coord_ros.studies.runner import (
     run_experiment,
     warn,
 )
-from sparse_coord_ros.studies.store import RUNS, SUMS, TRIALS_OR_NONE, Plan, Say
+from sparse_coord_ros.studies.store import RUNS, TRIALS_OR_NONE, Plan, Say
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -6,8 +6,9 @@ import numpy as np
 
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.studies.condition_result import SUMS, ConditionResult
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.store import SUMS, ConditionResult, Plan
+from sparse_coord_ros.studies.store import Plan
 
 PLAN = Plan(seed=5, runs=4, trials=50)
 

@@ -7,7 +7,7 @@ import sys
 import pandas as pd
 
 from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.studies.benchmark import Leaderboard, load_leaderboard
+from sparse_coord_ros.studies.leaderboard import Leaderboard, load_leaderboard
 from sparse_coord_ros.studies.lists import ABOUT
 from sparse_coord_ros.studies.report.text import to_markdown
 from tools.study.__main__ import DOCS, with_text

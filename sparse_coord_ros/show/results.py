@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 
 from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.studies.catalogue import NAMES, Experiment, experiment
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.data import by_scenario
 from sparse_coord_ros.studies.report.figures import DRAWN, Draw
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
-from sparse_coord_ros.studies.store import ConditionResult, Plan, Say, read_results
+from sparse_coord_ros.studies.store import Plan, Say, read_results
 
 
 def results_figure(

@@ -16,6 +16,7 @@ from sparse_coord_ros.show.results import (
     figure_of,
     some_results,
 )
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.analysis import AGREE
 from sparse_coord_ros.studies.report.data import names
 from sparse_coord_ros.studies.report.document import (
@@ -34,7 +35,7 @@ from sparse_coord_ros.studies.report.text import (
     shortest_paths_of,
     with_error,
 )
-from sparse_coord_ros.studies.store import ConditionResult, Plan, Say
+from sparse_coord_ros.studies.store import Plan, Say
 
 RESULT_CAPTIONS = {
     "conditions": "Learners against the first setting in which the conditions differ, beside "

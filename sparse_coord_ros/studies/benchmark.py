@@ -9,22 +9,16 @@ of robots (`core.solve.group_bound`). Where percepts fail the top is that of sur
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
-from sparse_coord_ros.base.dataframes import data_frame, shown_as
 from sparse_coord_ros.base.errors import (
-    ResultsError,
     SettingError,
     check_argument,
     in_short,
 )
-from sparse_coord_ros.base.files import path_argument, write_whole
 from sparse_coord_ros.base.limits import RESULTS, read_file
-from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
@@ -36,29 +30,24 @@ from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve.exact import evaluate_best
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import game_digest, known_top
-from sparse_coord_ros.studies.checked_json import (
-    DamagedError,
-    Numbers,
-    OrNull,
-    check_form,
-    read_checked,
-    to_text,
-)
 from sparse_coord_ros.studies.conditions import Condition, make_condition
+from sparse_coord_ros.studies.leaderboard import (
+    BUDGETS,
+    NEARLY_ALL,
+    BenchmarkResult,
+    Leaderboard,
+    Place,
+)
 from sparse_coord_ros.studies.lists import (
     LISTS,
     PENALTY,
-    SAMPLED,
     TUNING,
     Item,
     items_of,
 )
 from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment, warn
-from sparse_coord_ros.studies.standings import ARRIVE, failed_teams, pooled_share
-from sparse_coord_ros.studies.store import Say, standard_error
-
-if TYPE_CHECKING:
-    import pandas as pd
+from sparse_coord_ros.studies.standings import ARRIVE, failed_teams
+from sparse_coord_ros.studies.store import Say
 
 TEAM_RUNS = Setting(
     "runs", int, 10, "teams that learn in each scenario", low=2, high=1_000_000
@@ -72,11 +61,6 @@ TEAM_TRIALS = Setting(
     high=1_000_000,
 )
 
-BUDGETS = (2_000, 5_000, 10_000, 30_000)
-"""Steps of learning that are tried before the whole budget: which is the least that closes
-`NEARLY_ALL` of the gap."""
-
-NEARLY_ALL = 0.9
 
 CHANGEABLE = (*PROTOCOL, "peers")
 """Settings that an entry may change: those of learning, and whom a robot asks."""
@@ -106,223 +90,6 @@ class Entry:
             return make_condition(item.scenario, self.learner, values)
         except SettingError:
             return None
-
-
-@dataclass(frozen=True)
-class BenchmarkResult:
-    """What the teams of an entry are worth in one scenario.
-
-    Attributes:
-        scenario: its name, and the settings that the list changes.
-        paths: what fixed shortest paths are worth.
-        top: where the gap ends.
-        returns: of each team, averaged over its robots.
-        failed: teams in which some robot fails to arrive in more than one trial of a thousand.
-    """
-
-    scenario: str
-    paths: float
-    top: float
-    returns: tuple[float, ...]
-    failed: int
-
-
-@dataclass(frozen=True)
-class Place:
-    """How an entry stands in a list.
-
-    Attributes:
-        title: the entry's.
-        learner: its learner; empty: of several, or unknown.
-        settings: its changed settings, as texts.
-        list: the list's name.
-        judged: its scenarios; empty: it cannot learn them all.
-        steps: steps of learning.
-        steps_to_90: least budget that was tried and closes 90 % of the gap; None: none does.
-        seconds: processor time of one learning run in the first scenario; None: not measured.
-    """
-
-    title: str
-    learner: str
-    settings: Mapping[str, str]
-    list: str
-    judged: tuple[BenchmarkResult, ...]
-    steps: int
-    steps_to_90: int | None
-    seconds: float | None
-
-    @property
-    def share(self) -> tuple[float, float]:
-        """Share of the pooled gap, and its standard error.
-
-        Of buildings that stand for others it is a bootstrap over buildings, and teams in each; of
-        other scenarios it is that of the teams.
-        """
-        learned = [np.array(one.returns) for one in self.judged]
-        low = np.array([one.paths for one in self.judged])
-        high = np.array([one.top for one in self.judged])
-        found = pooled_share(learned, low, high)
-        if self.list in SAMPLED:
-            return found.mean, found.standard_error
-        errors = [standard_error(returns) for returns in learned]
-        return found.mean, float(np.linalg.norm(errors) / (high - low).sum())
-
-    @property
-    def failed(self) -> int:
-        """Teams that fail."""
-        return sum(one.failed for one in self.judged)
-
-    @property
-    def teams(self) -> int:
-        """Teams that learned."""
-        return sum(len(one.returns) for one in self.judged)
-
-    def row(self) -> dict[str, str]:
-        """Return the place as a row of the leaderboard."""
-        named = {"list": self.list, "entry": self.title}
-        if not self.judged:
-            left = (
-                "share of the gap",
-                "failed teams",
-                "steps to 90 %",
-                "seconds a run",
-            )
-            return named | dict.fromkeys(left, "-")
-        share, error = self.share
-        tried = [*(budget for budget in BUDGETS if budget < self.steps), self.steps]
-        never = f"> {tried[-1]:,}"
-        return {
-            **named,
-            "share of the gap": f"{100 * share:.1f} % ({100 * error:.1f})",
-            "failed teams": f"{self.failed} of {self.teams}",
-            "steps to 90 %": f"{self.steps_to_90:,}" if self.steps_to_90 else never,
-            "seconds a run": "-" if self.seconds is None else f"{self.seconds:.2f}",
-        }
-
-
-@dataclass(frozen=True)
-class Leaderboard:
-    """How entries stand in lists; `save` and `load_leaderboard` are its file.
-
-    Attributes:
-        places: in the order in which they were judged.
-        seed: seed of the first team of each scenario.
-        trials: of a team of more than two robots.
-        version: of this software.
-    """
-
-    places: tuple[Place, ...]
-    seed: int
-    trials: int
-    version: str = __version__
-
-    def __repr__(self) -> str:
-        """Return what it says, a line a place."""
-        rows = self.rows()
-        columns = {name: [row[name] for row in rows] for name in rows[0]}
-        return shown_as(f"<leaderboard: {len(rows)} places>", columns)
-
-    def rows(self) -> list[dict[str, str]]:
-        """Return a row for each place; in each list the greatest share is the first."""
-        found = []
-        for name in dict.fromkeys(one.list for one in self.places):
-            own = [one for one in self.places if one.list == name]
-            judged = [one for one in own if one.judged]
-            judged.sort(key=lambda one: -one.share[0])
-            found += [one.row() for one in judged]
-            found += [one.row() for one in own if not one.judged]
-        return found
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data: what its file says."""
-        return {
-            "version": self.version,
-            "seed": self.seed,
-            "trials": self.trials,
-            "places": [_plain(one) for one in self.places],
-        }
-
-    def to_pandas(self) -> "pd.DataFrame":
-        """Return a data frame of `rows`.
-
-        Raises:
-            RunError: pandas is not installed.
-        """
-        rows = self.rows()
-        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
-
-    def save(self, file: str | Path) -> None:
-        """Write the file of the results: JSON with the number of its format and a digest.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        write_whole(path_argument("file", file), to_text(self.to_dict()))
-
-
-def _plain(place: Place) -> dict[str, Any]:
-    said = asdict(place)
-    said["judged"] = [
-        {**one, "returns": list(one["returns"])} for one in said["judged"]
-    ]
-    return said
-
-
-def load_leaderboard(file: str | Path) -> Leaderboard:
-    """Read a file of `Leaderboard.save`.
-
-    Raises:
-        ResultsError: it is no such file, was damaged or edited, or has another format.
-    """
-    path = path_argument("file", file)
-    try:
-        data = read_checked(path)
-        check_form(data, {"version": str, "seed": int, "trials": int, "places": list})
-        places = tuple(
-            _place(one, f"places[{i}]") for i, one in enumerate(data["places"])
-        )
-    except DamagedError as error:
-        raise ResultsError(f"{path}: {error}; run the benchmark again") from None
-    return Leaderboard(places, data["seed"], data["trials"], data["version"])
-
-
-NUMBER = Numbers()
-COUNT = Numbers(low=0, whole=True)
-PLACE_FORM = {
-    "title": str,
-    "learner": str,
-    "settings": dict,
-    "list": str,
-    "judged": list,
-    "steps": COUNT,
-    "steps_to_90": OrNull(COUNT),
-    "seconds": OrNull(Numbers(low=0)),
-}
-
-
-def _place(said: Any, where: str) -> Place:
-    """Return a place of plain data; raise `DamagedError` where it is none."""
-    check_form(said, PLACE_FORM, where)
-    for value in said["settings"].values():
-        check_form(value, str, f"{where}.settings")
-    judged = []
-    for number, one in enumerate(said["judged"]):
-        place = f"{where}.judged[{number}]"
-        teams = (
-            len(one["returns"])
-            if isinstance(one, dict) and isinstance(one.get("returns"), list)
-            else 0
-        )
-        form = {
-            "scenario": str,
-            "paths": NUMBER,
-            "top": NUMBER,
-            "returns": Numbers((teams,)),
-            "failed": Numbers(low=0, high=teams, whole=True),
-        }
-        check_form(one, form, place)
-        judged.append(BenchmarkResult(**{**one, "returns": tuple(one["returns"])}))
-    return Place(**{**said, "judged": tuple(judged)})
 
 
 # Entries.
@@ -398,8 +165,6 @@ class Judge:
 
     def place(self, entry: Entry, name: str, items: Sequence[Item]) -> Place:
         """Return how an entry stands in a list."""
-        steps_to_90 = None
-        seconds = None
         if entry.runs:
             judged = self._elsewhere(entry, items)
         else:
@@ -414,10 +179,13 @@ class Judge:
             steps_to_90=None,
             seconds=None,
         )
-        if judged and entry.learner:
-            steps_to_90 = self._steps_to_90(entry, items, place)
-            seconds = self.seconds(entry, items[0])
-        return Place(**{**vars(place), "steps_to_90": steps_to_90, "seconds": seconds})
+        if not judged or not entry.learner:
+            return place
+        return replace(
+            place,
+            steps_to_90=self._steps_to_90(entry, items, place),
+            seconds=self.seconds(entry, items[0]),
+        )
 
     def learned(
         self, entry: Entry, items: Sequence[Item], steps: int
@@ -478,7 +246,7 @@ class Judge:
         for budget in BUDGETS:
             if budget < self.steps:
                 judged = self.learned(entry, items, budget)
-                tried = Place(**{**vars(whole), "judged": judged})
+                tried = replace(whole, judged=judged)
                 if tried.share[0] >= NEARLY_ALL:
                     return budget
         return self.steps

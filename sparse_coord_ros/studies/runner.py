@@ -51,20 +51,22 @@ from sparse_coord_ros.core.runs.run_config import (
 )
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.runs.trials import Trials
-from sparse_coord_ros.studies.conditions import Condition
-from sparse_coord_ros.studies.store import (
+from sparse_coord_ros.studies.condition_result import (
     CONFIDENCE,
-    RUN_TRIALS,
-    RUNS,
     SUMS,
     ConditionResult,
+    Sample,
+    collect,
+    sample,
+)
+from sparse_coord_ros.studies.conditions import Condition
+from sparse_coord_ros.studies.store import (
+    RUN_TRIALS,
+    RUNS,
     Plan,
     Results,
-    Sample,
     Say,
-    collect,
     open_results,
-    sample,
 )
 from sparse_coord_ros.studies.targets import Targets, parse_targets
 

@@ -11,7 +11,7 @@ import numpy as np
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.shipped import known_best
-from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
+from sparse_coord_ros.studies.condition_result import CONFIDENCE, ConditionResult
 
 RESAMPLES = 2000
 """Of a bootstrap."""

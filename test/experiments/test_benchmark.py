@@ -29,6 +29,7 @@ from sparse_coord_ros.core.solve.shipped import (
 from sparse_coord_ros.studies.benchmark import read_entries
 from sparse_coord_ros.studies.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.studies.checked_json import to_text
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.lists import ABOUT, LISTS, PENALTY, SAMPLED
 from sparse_coord_ros.studies.standings import (
     Standing,
@@ -36,7 +37,6 @@ from sparse_coord_ros.studies.standings import (
     pooled_share,
     standing,
 )
-from sparse_coord_ros.studies.store import ConditionResult
 
 SHIPPED = shipped_json("unseen.json")["buildings"]
 FEW = {

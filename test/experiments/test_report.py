@@ -26,6 +26,7 @@ from sparse_coord_ros.studies.catalogue import (
     Experiment,
     experiment,
 )
+from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.report import write_report
 from sparse_coord_ros.studies.report.analysis import (
@@ -41,9 +42,10 @@ from sparse_coord_ros.studies.report.analysis import (
 from sparse_coord_ros.studies.report.data import paper, to_csv
 from sparse_coord_ros.studies.report.document import findings, reproduction_page
 from sparse_coord_ros.studies.report.figures import value_and_bar
-from sparse_coord_ros.studies.report.sections import SECTIONS, return_claims
+from sparse_coord_ros.studies.report.paper_sections import return_claims
+from sparse_coord_ros.studies.report.sections import SECTIONS
 from sparse_coord_ros.studies.report.text import listed, size, to_markdown
-from sparse_coord_ros.studies.store import SUMS, Plan, open_results
+from sparse_coord_ros.studies.store import Plan, open_results
 
 
 def some_of_figure4():

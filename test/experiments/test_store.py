@@ -22,9 +22,10 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.studies import store as module
+from sparse_coord_ros.studies.condition_result import collect, sample
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.runner import Computing, compute
-from sparse_coord_ros.studies.store import Plan, collect, open_results, sample
+from sparse_coord_ros.studies.store import Plan, open_results
 
 CONDITION = make_condition("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)

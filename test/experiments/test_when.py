@@ -16,6 +16,7 @@ from sparse_coord_ros.studies.catalogue import (
     WHEN_TEAMS,
     experiment,
 )
+from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.report.charts import BEST_ASKING
 from sparse_coord_ros.studies.report.sections import SECTIONS
@@ -32,7 +33,6 @@ from sparse_coord_ros.studies.report.when import (
 )
 from sparse_coord_ros.studies.report.when_figures import when, when_kinds, when_more
 from sparse_coord_ros.studies.runner import run_experiment
-from sparse_coord_ros.studies.store import SUMS
 
 
 def learned(name, learner="factored", *, asks=0.5, returns=None, failed=(), **settings):

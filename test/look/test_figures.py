@@ -26,8 +26,9 @@ from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.results import results_figure
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.show.steps import ended
+from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.store import SUMS, open_results
+from sparse_coord_ros.studies.store import open_results
 
 
 def all_axes(figure):

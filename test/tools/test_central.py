@@ -10,7 +10,8 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.compiling import has_numba
-from sparse_coord_ros.studies.benchmark import Entry, load_leaderboard
+from sparse_coord_ros.studies.benchmark import Entry
+from sparse_coord_ros.studies.leaderboard import load_leaderboard
 from sparse_coord_ros.studies.lists import ABOUT, LISTS
 from tools.study import central
 from tools.study.__main__ import DOCS

@@ -17,9 +17,10 @@ from sparse_coord_ros.cli.options import add_options, note
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.core.engine.cluster import cluster_at
 from sparse_coord_ros.core.game.plugins import allow_modules
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition
 from sparse_coord_ros.studies.runner import Computing, compute
-from sparse_coord_ros.studies.store import ConditionResult, Plan, open_results
+from sparse_coord_ros.studies.store import Plan, open_results
 from tools.study import (
     advised,
     central,

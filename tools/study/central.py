@@ -21,14 +21,8 @@ from sparse_coord_ros.core.game.many_games import Games, Infos, Outcome, advance
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.streams import EVALUATION, LEARNING
-from sparse_coord_ros.studies.benchmark import (
-    BenchmarkResult,
-    Entry,
-    Judge,
-    Leaderboard,
-    result_of,
-    scenario_of,
-)
+from sparse_coord_ros.studies.benchmark import Entry, Judge, result_of, scenario_of
+from sparse_coord_ros.studies.leaderboard import BenchmarkResult, Leaderboard
 from sparse_coord_ros.studies.lists import ABOUT, LISTS, Item
 from sparse_coord_ros.studies.report.text import Row
 from sparse_coord_ros.studies.standings import ARRIVE, pooled_share

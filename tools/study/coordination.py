@@ -20,12 +20,13 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.studies.catalogue import LONG, PAYING_PAIRS, unseen_conditions
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.report import text
 from sparse_coord_ros.studies.report.analysis import gap_closed
 from sparse_coord_ros.studies.report.data import best_asking_team
 from sparse_coord_ros.studies.standings import Standing, failed_teams, standings
-from sparse_coord_ros.studies.store import ConditionResult, Plan
+from sparse_coord_ros.studies.store import Plan
 from tools.study import fresh, improved
 
 SEED = 950_000

@@ -20,10 +20,10 @@ from sparse_coord_ros.core.solve.optimum import joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.routes import route_plan
 from sparse_coord_ros.studies.catalogue import LONG
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.report.text import Row, percent
 from sparse_coord_ros.studies.standings import standing
-from sparse_coord_ros.studies.store import ConditionResult
 
 FIRST = 800_000
 """Seed of the first building that is looked at."""

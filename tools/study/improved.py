@@ -21,9 +21,9 @@ from sparse_coord_ros.core.solve.exact import exact_means
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.catalogue import PAYING_PAIRS, unseen_conditions
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.report.text import Row, percent
-from sparse_coord_ros.studies.store import ConditionResult
 
 SEED = 1_400_000
 """Seed of the first team: no search has seen these."""

@@ -12,8 +12,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.catalogue import LONG
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.store import ConditionResult
 from tools.study import coordination
 from tools.study.coordination import (
     Found,

@@ -11,8 +11,8 @@ from sparse_coord_ros.core.game.grid import UNREACHABLE, GridMap
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.studies.condition_result import ConditionResult, standard_error
 from sparse_coord_ros.studies.report.data import paper
-from sparse_coord_ros.studies.store import ConditionResult, standard_error
 
 AGREE = 3.0
 """Two values agree if they differ by at most this many standard errors of their difference."""

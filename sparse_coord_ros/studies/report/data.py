@@ -3,7 +3,7 @@
 """Results of conditions: selection, reference values of the paper and of searches, CSV."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -12,7 +12,7 @@ import pandas as pd
 
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team, shipped_best_team
-from sparse_coord_ros.studies.store import (
+from sparse_coord_ros.studies.condition_result import (
     BY_ROBOT,
     SUMS,
     ConditionResult,
@@ -84,6 +84,14 @@ def by_scenario(results: Iterable[ConditionResult]) -> list[list[ConditionResult
     """Return the results of each scenario."""
     results = list(results)
     return [pick(results, name=name) for name in names(results)]
+
+
+def ends(
+    results: Iterable[ConditionResult], key: Callable[[ConditionResult], Any]
+) -> tuple[ConditionResult, ConditionResult]:
+    """Return the results of the least and of the greatest value of a setting."""
+    ordered = sorted(results, key=key)
+    return ordered[0], ordered[-1]
 
 
 def to_csv(results: Iterable[ConditionResult]) -> str:

@@ -15,14 +15,17 @@ from matplotlib.figure import Figure
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.solve.verdict import RARE
 from sparse_coord_ros.studies.catalogue import NAMES, Experiment
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.analysis import AGREE, NEAR_MOVES
 from sparse_coord_ros.studies.report.charts import save
+from sparse_coord_ros.studies.report.claims import Claim
 from sparse_coord_ros.studies.report.data import to_csv
 from sparse_coord_ros.studies.report.figures import DRAWN, figures_of
+from sparse_coord_ros.studies.report.paper_sections import return_claims
 from sparse_coord_ros.studies.report.reasons import misses, provenances
-from sparse_coord_ros.studies.report.sections import SECTIONS, Claim, return_claims
+from sparse_coord_ros.studies.report.sections import SECTIONS
 from sparse_coord_ros.studies.report.text import named, of, steps, to_markdown
-from sparse_coord_ros.studies.store import ConditionResult, Plan, write_result
+from sparse_coord_ros.studies.store import Plan, write_result
 
 RETURNS = {"table1": "Table 1", "table3": "Table 3"}
 """The experiments that reproduce a table of returns, and the table's name in the paper."""

@@ -14,6 +14,7 @@ from sparse_coord_ros.core.game.settings import as_text
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.analysis import difference, loss_alone
 from sparse_coord_ros.studies.report.charts import (
     ALL,
@@ -46,7 +47,6 @@ from sparse_coord_ros.studies.report.data import (
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
 from sparse_coord_ros.studies.report.when_figures import when, when_kinds, when_more
 from sparse_coord_ros.studies.standings import standings
-from sparse_coord_ros.studies.store import ConditionResult
 
 SWEPT_MEASURES = ("returns", "miscoordinations", "asks")
 """What `swept_figure` shows of conditions."""

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, HELP_COLOUR
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.studies.store import ConditionResult
+from sparse_coord_ros.studies.condition_result import ConditionResult
 
 COLOUR_MAP = "Blues"
 WALL_GREY = "0.25"

@@ -9,6 +9,7 @@ import pandas as pd
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.analysis import (
     AGREE,
     above_optimum,
@@ -20,7 +21,6 @@ from sparse_coord_ros.studies.report.analysis import (
 )
 from sparse_coord_ros.studies.report.data import paper, pick
 from sparse_coord_ros.studies.report.text import listed, percent
-from sparse_coord_ros.studies.store import ConditionResult
 
 
 def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:

@@ -9,8 +9,8 @@ import pandas as pd
 
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.data import best_asking_team, best_team
-from sparse_coord_ros.studies.store import ConditionResult
 
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
 LEFT_COLUMNS = {

@@ -24,9 +24,9 @@ from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import always_asking, independent_bound
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.core.solve.verdict import ENOUGH
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.charts import BEST_ASKING
 from sparse_coord_ros.studies.standings import fails
-from sparse_coord_ros.studies.store import ConditionResult
 
 Results = Sequence[ConditionResult]
 Row = dict[str, Any]

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
 from sparse_coord_ros.core.solve.advice import LEAST_RELATIVE_GAIN
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.charts import (
     BEST_ASKING,
     COOP,
@@ -32,7 +33,6 @@ from sparse_coord_ros.studies.report.when import (
     points,
     with_ways_apart,
 )
-from sparse_coord_ros.studies.store import ConditionResult
 
 Style = Mapping[str, Any]
 
