@@ -300,8 +300,8 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
     return Claim(
         f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials of {source}",
         TARGET,
-        f"in {percent(arrived, 2)}; teams in which a robot fails more often than once in a "
-        f"thousand trials: {failed(coop)}; in other experiments: {named(others)}",
+        f"in {percent(arrived, 2)}; failed teams: {failed(coop)}; in other experiments: "
+        f"{named(others)}",
         int(arrived >= ARRIVE),
         1,
     )
@@ -414,11 +414,10 @@ def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Cl
         left_out.append(f"no such team is known: {', '.join(unknown)}")
     limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
     return Claim(
-        f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than the "
-        f"best team of its form, at most this many times as much: {limits}",
+        f"From a penalty of 0 to {lowest}, with 10^5 steps, Factored loses at most this many "
+        f"times as much as the best asking team found: {limits}",
         TARGET,
-        f"times as much as the best asking team found: {named(judged)}. "
-        f"Not judged: {'; '.join(left_out) or 'none'}",
+        f"{named(judged)}. Not judged: {'; '.join(left_out) or 'none'}",
         within,
         len(judged),
     )
@@ -465,18 +464,19 @@ def penalty100(results: Results) -> Section:
                     "miscoordinations (s.e.)": with_error(
                         one.best("miscoordinations"), 3
                     ),
-                    "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                    "asks (s.e.)": with_error(one.best("asks"), 3),
                     "failed teams": failed([one]),
                 }
             )
     claims = [
         _gap_claim(
-            "Given time, Coop. closes this share of the gain over Non-coop. (joint optimum)",
+            "With 10^5 steps Coop. closes this share of the gain from Non-coop. to the joint "
+            "optimum",
             coop_closed,
             CLOSED,
         ),
         _gap_claim(
-            "Factored closes this share of the gain over Non-coop. (best asking team found)",
+            "Factored closes this share of the gain from Non-coop. to the best asking team found",
             factored_closed,
             REACHED,
         ),
@@ -532,7 +532,7 @@ def ask_cost(results: Results) -> Section:
     claim = Claim(
         "Robots ask less where asking costs more",
         OPEN_QUESTION,
-        f"COORDINATE per robot and episode: {named(told)}",
+        f"questions of a robot in an episode: {named(told)}",
         *_surely(fewer),
     )
     return Section("ask_cost.md.j2", pd.DataFrame(rows), [claim])
@@ -568,7 +568,7 @@ def perception(results: Results) -> Section:
     claim = Claim(
         "Questions without an answer lower the return",
         OPEN_QUESTION,
-        f"gain if every question is answered, beside none: {told}",
+        f"gain if every question is answered instead of none: {told}",
         *_surely(gains.values()),
     )
     return Section("perception.md.j2", pd.DataFrame(rows), [claim])
@@ -601,7 +601,7 @@ def uneven(results: Results) -> Section:
     claim = Claim(
         "Coop. earns more than Non-coop., also where r^C is uneven",
         OPEN_QUESTION,
-        f"more in {of(better, cases)} cases (even r^C among them), surely in {surely}",
+        f"more in {of(better, cases)} cases (equal r^C among them), surely in {surely}",
         surely,
         cases,
     )
@@ -664,7 +664,7 @@ def where(results: Results) -> Section:
         rows.append(
             {
                 "scenario": one.scenario.name,
-                "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                "asks (s.e.)": with_error(one.best("asks"), 3),
                 "asked near": percent(analysis.share_near(one.scenario, one.asked)),
                 "time near": percent(analysis.share_near(one.scenario, one.stays)),
                 "cells near": percent(near),
