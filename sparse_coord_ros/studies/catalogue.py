@@ -245,10 +245,10 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
     "figure4": ("Figure 4: return against the penalty", _figure4),
     "penalty100": (
-        "Penalty -100, 10^5 steps: share of the gain over Non-coop. that is reached",
+        "Penalty -100, 10^5 steps: share of the gain over Non-coop.",
         lambda: _every(PAYING_PAIRS, {"learner": REPORTED_LEARNERS}, LONG),
     ),
-    "ask_cost": ("Cost of COORDINATE", _ask_cost),
+    "ask_cost": ("Cost of a question", _ask_cost),
     "perception": ("How often questions are answered", _perception),
     "uneven": (
         "r^C that differs between the robots",

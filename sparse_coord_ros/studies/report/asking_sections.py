@@ -69,7 +69,7 @@ def where(results: Results) -> Section:
         rows.append(
             {
                 "scenario": one.scenario.name,
-                "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                "asks (s.e.)": with_error(one.best("asks"), 3),
                 "asked near": percent(analysis.share_near(one.scenario, one.asked)),
                 "time near": percent(analysis.share_near(one.scenario, one.stays)),
                 "cells near": percent(near),

@@ -225,8 +225,8 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
     return Claim(
         f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials of {source}",
         TARGET,
-        f"in {percent(arrived, 2)}; teams in which a robot fails more often than once in a "
-        f"thousand trials: {failed(coop)}; in other experiments: {named(others)}",
+        f"in {percent(arrived, 2)}; failed teams: {failed(coop)}; in other experiments: "
+        f"{named(others)}",
         int(arrived >= ARRIVE),
         1,
     )
@@ -324,11 +324,10 @@ def _factored_falls(lowest: str, falls: Mapping[str, tuple[float, float]]) -> Cl
         left_out.append(f"no such team is known: {', '.join(unknown)}")
     limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
     return Claim(
-        f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than the "
-        f"best team of its form, at most this many times as much: {limits}",
+        f"From a penalty of 0 to {lowest}, with 10^5 steps, Factored loses at most this many "
+        f"times as much as the best asking team found: {limits}",
         TARGET,
-        f"times as much as the best asking team found: {named(judged)}. "
-        f"Not judged: {'; '.join(left_out) or 'none'}",
+        f"{named(judged)}. Not judged: {'; '.join(left_out) or 'none'}",
         within,
         len(judged),
     )

@@ -26,19 +26,22 @@ from sparse_coord_ros.studies.report.text import listed, percent
 def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:
     """Return the paper's rows that are not reproduced or impossible, each with the reason."""
     rows = []
+    last_reason = ""
     for one in results:
         printed = paper(one, "returns")
         if printed is None or _is_reproduced(one, printed):
             continue
+        reason = _reason(one, printed)
         rows.append(
             {
                 "scenario": one.scenario.name,
                 "learner": one.learner.title,
                 "ours": f"{one.best('returns').mean:.2f}",
                 "paper": f"{printed.mean:.2f}",
-                "why": _reason(one, printed),
+                "why": "As in the row above." if reason == last_reason else reason,
             }
         )
+        last_reason = reason
     return pd.DataFrame(rows)
 
 
@@ -65,7 +68,7 @@ def _reason(result: ConditionResult, printed: Measure) -> str:
     counted = paper(result, "miscoordinations")
     if counted and implied and contradicts_itself(result):
         return (
-            f"The paper's row contradicts its own Table 2, whose {counted.mean:.2f} "
+            f"The paper's row contradicts its own Table 2: {counted.mean:.2f} "
             f"miscoordinations imply a return of about {implied.mean:.1f}.{turning}"
         )
     if result.condition.learner == "indiv" and is_shortest(result):
@@ -99,9 +102,9 @@ def _turning(result: ConditionResult) -> str:
     ):
         return ""
     return (
-        f" Robots that all keep right where routes are equally short return exactly "
-        f"{same.returns:.2f} with {same.miscoordinations:.2f} miscoordinations: the paper's "
-        f"{counted.mean:.2f} says that its learners turned alike."
+        f" Robots that all keep right where routes are equally short earn exactly "
+        f"{same.returns:.2f}, with {same.miscoordinations:.2f} miscoordinations. The paper's "
+        f"{counted.mean:.2f} suggests that its learners turned alike."
     )
 
 

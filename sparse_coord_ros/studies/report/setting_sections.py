@@ -73,12 +73,13 @@ def penalty100(results: Results) -> Section:
             rows.append(_penalty100_row(one, base, closed, told))
     claims = [
         _gap_claim(
-            "Given time, Coop. closes this share of the gain over Non-coop. (joint optimum)",
+            "With 10^5 steps Coop. closes this share of the gain from Non-coop. to the joint "
+            "optimum",
             coop_closed,
             CLOSED,
         ),
         _gap_claim(
-            "Factored closes this share of the gain over Non-coop. (best asking team found)",
+            "Factored closes this share of the gain from Non-coop. to the best asking team found",
             factored_closed,
             REACHED,
         ),
@@ -124,7 +125,7 @@ def _penalty100_row(
         "from the better": share(from_the_better),
         "to the best asking team found": to_best,
         "miscoordinations (s.e.)": with_error(one.best("miscoordinations"), 3),
-        "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+        "asks (s.e.)": with_error(one.best("asks"), 3),
         "failed teams": failed([one]),
     }
 
@@ -177,7 +178,7 @@ def ask_cost(results: Results) -> Section:
     claim = Claim(
         "Robots ask less where asking costs more",
         OPEN_QUESTION,
-        f"COORDINATE per robot and episode: {named(told)}",
+        f"questions of a robot in an episode: {named(told)}",
         *surely_positive(fewer),
     )
     return Section("ask_cost.md.j2", pd.DataFrame(rows), [claim])
@@ -207,7 +208,7 @@ def perception(results: Results) -> Section:
     claim = Claim(
         "Questions without an answer lower the return",
         OPEN_QUESTION,
-        f"gain if every question is answered, beside none: {told}",
+        f"gain if every question is answered instead of none: {told}",
         *surely_positive(gains.values()),
     )
     return Section("perception.md.j2", pd.DataFrame(rows), [claim])
@@ -240,7 +241,7 @@ def uneven(results: Results) -> Section:
     claim = Claim(
         "Coop. earns more than Non-coop., also where r^C is uneven",
         OPEN_QUESTION,
-        f"more in {of(better, cases)} cases (even r^C among them), surely in {surely}",
+        f"more in {of(better, cases)} cases (equal r^C among them), surely in {surely}",
         surely,
         cases,
     )
