@@ -3,6 +3,7 @@
 """`sparse_coord explain`: each COORDINATE of a time step, from the question to the update."""
 
 import argparse
+from collections.abc import Sequence
 
 from sparse_coord_ros.base.errors import RunError, did_you_mean
 from sparse_coord_ros.cli.options import BAG, JSON, Option, note, tell
@@ -31,39 +32,50 @@ def execute(options: argparse.Namespace) -> None:
     from sparse_coord_ros.show.narrator import Narrator
     from sparse_coord_ros.show.steps import logged_step
 
-    wanted = options.step
     log = read_run(options.bag)
     with leaving_out("the robots' values and updates", note):
         _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
-    step = next((t for t in steps if t >= wanted), None)
-    found = (
-        []
-        if step is None
-        else [one for k in asked for one in explained(log, k, [step])]
-    )
+    step = next((t for t in steps if t >= options.step), None)
+    found = []
     interactions = []
     if step is not None:
+        found = [one for k in asked for one in explained(log, k, [step])]
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
-    who = options.robot or "all robots"
     lines = [f"lost: {loss}" for loss in log.losses]
-    if step is None:
-        last = max(steps, default="none")
-        lines.append(f"{who}: no question from step {wanted} on; the last: {last}")
-    elif wanted not in (0, step):
-        lines.append(f"{who}: no question at step {wanted}; the next is at step {step}")
-    lines += [line for one in found for line in in_words(log, one)]
+    lines += _which_step(options.robot or "all robots", options.step, step, steps)
+    for one in found:
+        lines += in_words(log, one)
     lines += [f"at the end of step {step}: {sentence}" for sentence in interactions]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
     document = {
-        "wanted": wanted,
+        "wanted": options.step,
         "step": step,
         "coordinations": facts,
         "interactions": interactions,
     }
     tell(options, document, *lines)
+
+
+def _which_step(
+    who: str, wanted: int, step: int | None, steps: Sequence[int]
+) -> list[str]:
+    """Return a line if another step than the wanted one is explained, or none.
+
+    Args:
+        who: the robots, in words.
+        wanted: the wanted time step.
+        step: the explained one; None: there is no question from the wanted one on.
+        steps: all time steps with a question, ascending.
+    """
+    if step is None:
+        last = max(steps, default="none")
+        return [f"{who}: no question from step {wanted} on; the last: {last}"]
+    if wanted not in (0, step):
+        return [f"{who}: no question at step {wanted}; the next is at step {step}"]
+    return []
 
 
 def _robots(log, name: str | None) -> list[int]:

@@ -6,9 +6,17 @@ import argparse
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 from sparse_coord_ros.base.errors import MapError, SettingError, in_short
-from sparse_coord_ros.cli.imported_map import CELL, RADIUS, check_free, make, write
+from sparse_coord_ros.cli.imported_map import (
+    CELL,
+    RADIUS,
+    ImportedMap,
+    check_free,
+    make,
+    write,
+)
 from sparse_coord_ros.cli.options import (
     JSON,
     PAGE,
@@ -23,7 +31,7 @@ from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.lab.maps.gridding import SPECK
 from sparse_coord_ros.lab.maps.image import read_floor_plan
-from sparse_coord_ros.lab.maps.meeting import prospect_of
+from sparse_coord_ros.lab.maps.meeting import Prospect, prospect_of
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS
 from sparse_coord_ros.lab.maps.plan import Place
 
@@ -103,13 +111,7 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    name = options.map.stem
-    if not NAME.fullmatch(name):
-        what = f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'"
-        raise MapError(f"{what}; rename the file")
-    if len(options.start) != len(options.goal):
-        what = f"--start has {len(options.start)} places and --goal {len(options.goal)}"
-        raise MapError(f"{what}; give each robot both")
+    _check_names(options)
     if options.page:
         from sparse_coord_ros.cli.import_page import serve
 
@@ -118,6 +120,41 @@ def execute(options: argparse.Namespace) -> None:
         return
     allowed_with(options, "--page", PAGE_NAMES)
     plan = read_floor_plan(options.map)
+    _check_given(options)
+    check_free(options, plan, replace=options.replace)
+    from sparse_coord_ros.cli.computing import Bar
+
+    with Bar("cells", "dividing the map into cells"):
+        made = make(options, plan)
+    prospect = None
+    if made.scenario is None:
+        made.notes.append(
+            "no scenario: give --start and --goal, in metres, and --replace"
+        )
+    else:
+        with Bar("robots", "comparing with robots that ignore each other"):
+            prospect = prospect_of(made.scenario)
+        if prospect.note:
+            made.notes.append(prospect.note)
+    picture = write(options, made)
+    facts = _facts(options.map.stem, made, prospect, picture)
+    lines = _lines(made, prospect, facts, corridors=options.corridors)
+    tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")
+
+
+def _check_names(options: argparse.Namespace) -> None:
+    """Raise `MapError` unless the file's name is allowed, and each robot has start and goal."""
+    name = options.map.stem
+    if not NAME.fullmatch(name):
+        what = f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'"
+        raise MapError(f"{what}; rename the file")
+    if len(options.start) != len(options.goal):
+        what = f"--start has {len(options.start)} places and --goal {len(options.goal)}"
+        raise MapError(f"{what}; give each robot both")
+
+
+def _check_given(options: argparse.Namespace) -> None:
+    """Raise `SettingError` if an option is missing that is needed without the page."""
     missing = [
         f"--{one}" for one in ("cell", "radius") if getattr(options, one) is None
     ]
@@ -129,27 +166,40 @@ def execute(options: argparse.Namespace) -> None:
         raise SettingError(
             "--set needs a scenario: give --start and --goal of the robots"
         )
-    check_free(options, plan, replace=options.replace)
-    from sparse_coord_ros.cli.computing import Bar
 
-    with Bar("cells", "dividing the map into cells"):
-        made = make(options, plan)
-    if made.scenario is None:
-        made.notes.append(
-            "no scenario: give --start and --goal, in metres, and --replace"
-        )
-    prospect = None
-    if made.scenario is not None:
-        with Bar("robots", "comparing with robots that ignore each other"):
-            prospect = prospect_of(made.scenario)
-        if prospect.note:
-            made.notes.append(prospect.note)
-    picture = write(options, made)
+
+def _facts(
+    name: str, made: ImportedMap, prospect: Prospect | None, picture: Path
+) -> dict[str, Any]:
+    """Return the result as plain data."""
     rows, columns = made.imported.grid.shape
-    facts = {"name": name, "rows": rows, "columns": columns, **made.facts}
-    facts |= {"parts": made.imported.parts, "files": [*made.files, picture]}
-    facts["advice"] = None if prospect is None else prospect.advice
-    facts["doorway_hint"] = None if prospect is None else prospect.doorway
+    return {
+        "name": name,
+        "rows": rows,
+        "columns": columns,
+        **made.facts,
+        "parts": made.imported.parts,
+        "files": [*made.files, picture],
+        "advice": None if prospect is None else prospect.advice,
+        "doorway_hint": None if prospect is None else prospect.doorway,
+    }
+
+
+def _lines(
+    made: ImportedMap,
+    prospect: Prospect | None,
+    facts: dict[str, Any],
+    *,
+    corridors: bool,
+) -> list[str]:
+    """Return the result in words.
+
+    Args:
+        made: the imported map.
+        prospect: whether asking will pay; None: there is no scenario.
+        facts: as of `_facts`.
+        corridors: whether corridors were marked.
+    """
     lines = [
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {0}; "
         "lower left corner at {origin[0]:g},{origin[1]:g}".format(
@@ -163,9 +213,8 @@ def execute(options: argparse.Namespace) -> None:
         lines.append(
             "robots begin with the values of robots alone on this map (prior=map)"
         )
-    untaken = bool(made.imported.corridors) and not options.corridors
+    untaken = bool(made.imported.corridors) and not corridors
     lines.append(made.interactions + "; --corridors takes it" * untaken)
     if prospect is not None:
         lines.append(prospect.advice.text)
-    lines += [f"note: {note}" for note in made.notes]
-    tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")
+    return lines + [f"note: {note}" for note in made.notes]

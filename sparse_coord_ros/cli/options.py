@@ -63,36 +63,54 @@ def add_options(
     for one in options:
         if isinstance(one, Setting):
             one = Option(f"--{one.name}", one, one.help)
-        words = one.words.strip("[]")
-        several = one.words.rstrip("]").endswith("...")
-        name, _, metavar = words.removesuffix("...").partition(" ")
-        how: dict[str, Any] = {
-            "help": one.help,
-            **({"metavar": metavar} if metavar else {}),
-        }
-        if several or words != one.words:
-            how["nargs"] = "+" if words == one.words else "*" if several else "?"
-        if one.kind is bool:
-            how["action"] = "store_true"
-        elif isinstance(one.kind, tuple):
-            how |= {"choices": one.kind, "default": one.kind[0]}
-        elif isinstance(one.kind, Setting):
-            how |= {"type": one.kind.parse, "default": one.kind.default}
-            how["required"] = one.kind.default is None
-        elif one.kind is Path:
-            how["type"] = _path
-        elif one.kind is not None:
-            how["type"] = one.kind
-        how |= one.more
+        name, _, _ = one.words.strip("[]").partition(" ")
+        how = _arguments(one)
         offered = how.pop("names", None)
-        default = how.get("default")
-        if isinstance(default, tuple):
-            default = " ".join(default)
-        if default not in (None, [], ""):
-            how["help"] += f" (default: {default})"
         action = parser.add_argument(name, **how)
         if offered is not None:  # argcomplete calls its `completer`
             setattr(action, "completer", lambda offered=offered, **_: offered())  # noqa: B010
+
+
+def _arguments(option: Option) -> dict[str, Any]:
+    """Return the arguments of `add_argument` for an option; and its `names`, if it has any."""
+    how = {"help": option.help, **_values(option.words), **_reading(option.kind)}
+    how |= option.more
+    default = how.get("default")
+    if isinstance(default, tuple):
+        default = " ".join(default)
+    if default not in (None, [], ""):
+        how["help"] += f" (default: {default})"
+    return how
+
+
+def _values(words: str) -> dict[str, Any]:
+    """Return the placeholder and the number of an option's values, from its words."""
+    required = words.strip("[]")
+    optional = words != required
+    several = required.endswith("...")
+    _, _, metavar = required.removesuffix("...").partition(" ")
+    found: dict[str, Any] = {"metavar": metavar} if metavar else {}
+    if several:
+        found["nargs"] = "*" if optional else "+"
+    elif optional:
+        found["nargs"] = "?"
+    return found
+
+
+def _reading(
+    kind: Setting | tuple[str, ...] | Callable[[str], Any] | None,
+) -> dict[str, Any]:
+    """Return how an option's value is read; `kind` as of `Option`."""
+    if kind is bool:
+        return {"action": "store_true"}
+    if isinstance(kind, tuple):
+        return {"choices": kind, "default": kind[0]}
+    if isinstance(kind, Setting):
+        required = kind.default is None
+        return {"type": kind.parse, "default": kind.default, "required": required}
+    if kind is Path:
+        return {"type": _path}
+    return {} if kind is None else {"type": kind}
 
 
 def _bag(text: str) -> Path:

@@ -142,25 +142,31 @@ def interacting_in(
         return NOT_INTERACTING
     before = _column(seen.cells)
     after = _column(seen.after)
-    helped: tuple[int, ...] = ()
-    if help_given(inter, before, after)[0]:
-        taken = {cell for cell in seen.after if cell is not None}
-        helped = tuple(sorted(cell for cell in taken if inter.posts[cell]))
     moves = _column([None if one is None else one.move for one in seen.actions])
-    stopped = stops_in(inter, next_cell, before, moves, after)
+    known = [cell for cell in seen.after if cell is not None]
+    shared: tuple[int, ...] = ()
+    pairs: list[tuple[int, int]] = []
+    if seen.miscoordination:
+        shared = _shared(inter, known)
+        exchanges = exchanges_in(inter, before, after)
+        pairs = [(k, j) for k, j, found in exchanges if found[0]]
     blocked = []
-    for k, j, found in stopped:
+    for k, j, found in stops_in(inter, next_cell, before, moves, after):
         if found[0]:
             blocked.append((k, j, int(next_cell[before[k, 0], moves[k, 0]])))
-    if not seen.miscoordination:
-        return Interacting((), (), tuple(blocked), helped)
-    shared = set()
-    for x, y in combinations([cell for cell in seen.after if cell is not None], 2):
+    helped: tuple[int, ...] = ()
+    if help_given(inter, before, after)[0]:
+        helped = tuple(sorted({cell for cell in known if inter.posts[cell]}))
+    return Interacting(shared, tuple(pairs), tuple(blocked), helped)
+
+
+def _shared(inter: Interactions, cells: Sequence[int]) -> tuple[int, ...]:
+    """Return the cells of robots that are together, ascending."""
+    found = set()
+    for x, y in combinations(cells, 2):
         if together(inter.places[x], inter.places[y]):
-            shared |= {x, y}
-    exchanges = exchanges_in(inter, before, after)
-    pairs = tuple((k, j) for k, j, found in exchanges if found[0])
-    return Interacting(tuple(sorted(shared)), pairs, tuple(blocked), helped)
+            found |= {x, y}
+    return tuple(sorted(found))
 
 
 def _column(values: Sequence[int | None]) -> np.ndarray:

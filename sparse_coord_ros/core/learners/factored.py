@@ -382,7 +382,6 @@ class Factored(Learner):
         return False
 
     @staticmethod
-    @staticmethod
     def look_back(mind: Mind, task: Task, now: Transition) -> None:
         """Learn from two questions in a row the result of each move at the first."""
         learn_from_two_questions(mind, task, now)

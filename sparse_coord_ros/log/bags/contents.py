@@ -160,7 +160,8 @@ class BagFile:
 
     def __init__(self, path: Path, *, checked: bool) -> None:
         self.path = path
-        self.finished = self._checked = False
+        self.finished = False
+        self._checked = False
         self._grows = not checked
         self._lost: list[tuple[int, int, str]] = []
         self._flaw: str | None = None
@@ -176,12 +177,14 @@ class BagFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._known = np.zeros(1 << 16, dtype=bool)
+        self._own = False
         # A writer of one checksum writes all. So a zeroed checksum is damage, not an absent one.
-        self._own = self._crcs = self._altered = False
-        self._end: tuple[RecordPlace, int] | None = (
-            None  # with the checksum of the data
-        )
-        self._tried = self._contents = 0
+        self._crcs = False
+        self._altered = False
+        # The record that ends the data, and the checksum of the data.
+        self._end: tuple[RecordPlace, int] | None = None
+        self._tried = 0
+        self._contents = 0
         self._source = Source(path)
         with retold(BagError, BagError, f"{path}"):
             self.extend()
@@ -402,14 +405,7 @@ class BagFile:
         part = self._understand(b"".join(contents), starts, blocks[0].offset)
         times = part.heads["log_ns"]
         firsts = np.searchsorted(part.begins, starts, side="right")
-        begin, end = (
-            np.array(column) for column in list(zip(*blocks, strict=True))[3:]
-        )
-        if len(times) and not (
-            firsts[-1] < len(times)
-            and (np.minimum.reduceat(times, firsts) == begin).all()
-            and (np.maximum.reduceat(times, firsts) == end).all()
-        ):
+        if len(times) and not _times_fit(blocks, times, firsts):
             raise Damage(
                 blocks[0].offset, "a chunk whose times are not those of its messages"
             )
@@ -417,11 +413,10 @@ class BagFile:
 
     def _belongs(self, record: RecordPlace) -> bool:
         """Return whether a record of this kind may be at its place."""
+        if (record.opcode == Opcode.HEADER) != (record.offset == len(MAGIC)):
+            return False
         foreign = record.opcode >= 0x80 or record.opcode in _BARE
-        known = not self._own if foreign else record.opcode in _OTHERS
-        return known and (record.opcode == Opcode.HEADER) == (
-            record.offset == len(MAGIC)
-        )
+        return not self._own if foreign else record.opcode in _OTHERS
 
     def _take(self, record: RecordPlace) -> None:
         """Read one record, completely or not at all; raises Damage."""
@@ -478,8 +473,10 @@ class BagFile:
             raise Damage(record.offset, problem)
         # A recorder writes its topics before the first message, and the run at time 0.
         early = not (self.topics and block.end_ns)
-        if (block.size or crc) and not (early and not len(self._part([block]).heads)):
-            self.blocks.append(block)
+        is_empty = not block.size and not crc
+        if is_empty or (early and not len(self._part([block]).heads)):
+            return
+        self.blocks.append(block)
 
     def _take_bare(self, record: RecordPlace) -> None:
         """Read a message outside of chunks, or the definition of a channel."""
@@ -508,9 +505,10 @@ class BagFile:
 
     def _check(self) -> None:
         """Read the blocks, and compare the checksums of the file."""
+        most = RECORDS + self.size
         for part in self.parts(tuple(self.blocks)):
             self._count(part.heads)
-            if self.counts.total() > (most := RECORDS + self.size):
+            if self.counts.total() > most:
                 raise BagError(
                     f"more than {most:,} messages in {self.size:,} bytes are not read"
                 )
@@ -523,15 +521,7 @@ class BagFile:
         end, expected = self._end
         try:
             if not self._lost:
-                self._altered = True
-                crc = 0
-                for place in range(0, end.offset, TOGETHER):
-                    data = self._source.read(place, min(TOGETHER, end.offset - place))
-                    crc = zlib.crc32(data, crc)
-                check_crc(
-                    expected, crc, end.offset, "the data before", required=self._own
-                )
-                self._altered = False
+                self._check_data(end, expected)
             if end.end < self.size:
                 self._check_summary(end.end)
             elif closed:
@@ -539,28 +529,36 @@ class BagFile:
         except Damage as damage:
             self._flaw = str(damage)
 
+    def _check_data(self, end: RecordPlace, expected: int) -> None:
+        """Compare the checksum of the data before the record that ends them; raises Damage."""
+        self._altered = True
+        crc = 0
+        for place in range(0, end.offset, TOGETHER):
+            data = self._source.read(place, min(TOGETHER, end.offset - place))
+            crc = zlib.crc32(data, crc)
+        check_crc(expected, crc, end.offset, "the data before", required=self._own)
+        self._altered = False
+
     def _check_summary(self, offset: int) -> None:
         """Check the end of a file; only its channels are used."""
         crc = 0
         read = self._source.read
         definitions = []
-        while (
-            record := self._source.record(offset, self.size)
-        ).opcode != Opcode.FOOTER:
+        record = self._source.record(offset, self.size)
+        while record.opcode != Opcode.FOOTER:
             if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 definitions.append(record)
             crc = zlib.crc32(read(offset, record.end - offset), crc)
             offset = record.end
+            record = self._source.record(offset, self.size)
         data = read(offset, record.end - offset)
         footer = parse(Footer, data[HEAD.size :], offset)
         crc = zlib.crc32(data[:-4], crc)
         check_crc(footer.summary_crc, crc, offset, "the summary", required=self._own)
         for one in definitions:
             self._define(one.opcode, self._body(one), one.offset)
-        if (
-            self.size - record.end != len(MAGIC)
-            or read(record.end, len(MAGIC)) != MAGIC
-        ):
+        left = self.size - record.end
+        if left != len(MAGIC) or read(record.end, left) != MAGIC:
             raise Damage(self.size, "the file does not end with MCAP's magic bytes")
 
     def _define(self, opcode: int, body: bytes, offset: int) -> None:
@@ -587,11 +585,9 @@ class BagFile:
     def _understand(self, content: bytes, starts: np.ndarray, offset: int) -> Part:
         """Return the messages among records, and register the channels that the records define."""
         places, heads, others = message_heads(content, starts, offset)
-        if (
-            len(heads)
-            and max(heads["log_ns"].max(), heads["publish_ns"].max()) > LATEST_NS
-        ):
-            raise Damage(offset, "a message with an impossible time")
+        for times in (heads["log_ns"], heads["publish_ns"]):
+            if times.max(initial=0) > LATEST_NS:
+                raise Damage(offset, "a message with an impossible time")
         for opcode, begin, end in others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._define(opcode, content[begin:end], offset)
@@ -611,6 +607,23 @@ class BagFile:
             name = self.topics[channel].name
             self.counts[name] += int(counts[channel])
             self.sizes[name] += int(sizes[channel])
+
+
+def _times_fit(blocks: Sequence[Block], times: np.ndarray, firsts: np.ndarray) -> bool:
+    """Return whether the times of blocks are those of their messages.
+
+    Args:
+        blocks: the blocks.
+        times: the log times of all their messages, in order; at least one.
+        firsts: the number of each block's first message, shape (blocks,).
+    """
+    if firsts[-1] >= len(times):
+        return False
+    begins = [block.start_ns for block in blocks]
+    ends = [block.end_ns for block in blocks]
+    earliest = np.minimum.reduceat(times, firsts)
+    latest = np.maximum.reduceat(times, firsts)
+    return bool((earliest == begins).all() and (latest == ends).all())
 
 
 def _has_end(source: Source, size: int) -> bool:

@@ -286,33 +286,47 @@ def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str
 
 def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of a COORDINATE: question, answer, move, update."""
-    run = log.run
-    yield f"step {one.step}: {choice_in_words(run, one.robot, one.cell)}"
+    yield f"step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
     if one.doubt is not None and one.q_values:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
+    yield from _question(log, one)
+    yield from _move(log, one)
+    if one.q_values:
+        yield from _learned(log, one)
+
+
+def _question(log: RunLog, one: Coordination) -> Iterator[str]:
+    """Yield the lines of the question, and of the percept that came of it."""
     if not one.requests:
         peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
         yield f"  was to ask {peers}; no request is in the log"
     for request in one.requests:
         yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
-    if one.perceived is not None:
-        yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
-    else:
+    if one.perceived is None:
         yield f"  perceives nothing ({one.outcome})"
-    of_ours = None if log.why_not_computed(one.robot) else one.cell
-    moves = move_in_words(run, of_ours, one.perceived, one.move, one.waiting_move)
+    else:
+        cells = ", ".join(cell_in_words(log.run, cell) for cell in one.perceived)
+        yield f"  perceives {cells}"
+
+
+def _move(log: RunLog, one: Coordination) -> Iterator[str]:
+    """Yield the lines of the move after the percept, and of the reason for it."""
+    run = log.run
     if one.waiting_move is not None:
         yield f"  {leaving_in_words(run)}"
+    cell = None if log.why_not_computed(one.robot) else one.cell
+    waiting_move = one.waiting_move
     if not one.q_values and _may_have_left(log, one):
         yield f"  {MAY_HAVE_LEFT}"
-        moves = move_in_words(run, None, one.perceived, one.move)
-    if not one.q_values:
-        yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
-        return
-    yield f"  {moves}: {row_in_words(one.q_values)}"
-    if not one.agrees:
-        yield "  (the log says another action; see 'sparse_coord verify')"
-    yield from _learned(log, one)
+        cell = None
+        waiting_move = None
+    move = move_in_words(run, cell, one.perceived, one.move, waiting_move)
+    if one.q_values:
+        yield f"  {move}: {row_in_words(one.q_values)}"
+        if not one.agrees:
+            yield "  (the log says another action; see 'sparse_coord verify')"
+    else:
+        yield f"  {move}" + ("" if one.doubt is None else f"; {one.doubt}")
 
 
 def _may_have_left(log: RunLog, one: Coordination) -> bool:

@@ -199,26 +199,50 @@ def gaps(
         if back is not None:
             known.append(back._replace(until=end))
             end = min(end, back.first - 1)
-        why = (bag.files[place].continued or {}).get("why")
-        follows = back is not None or why != SPLIT
-        if place and follows and len(steps):
-            begin = int(steps.min())
-            first = begin if back is None else back.first
-            if why == RESTARTED:
-                first = max(first, heard[place])
-            if first - end > EPISODE_GAP:
-                found.append(LostSteps(end + 1, first - 1))
-            elif killed_at is not None and first > killed_at - MARGIN:
-                found.append(LostSteps(min(killed_at + 1, first - 1), first - 1))
-            if first < begin:  # the recorder came back while the team went back
-                found.append(LostSteps(first, begin - 1))
+        file = bag.files[place]
+        why = None if file.continued is None else file.continued.get("why")
+        if place and len(steps):
+            if back is not None or why != SPLIT:
+                begin = int(steps.min())
+                first = begin if back is None else back.first
+                if why == RESTARTED:
+                    first = max(first, heard[place])
+                found += _between(end, first, killed_at)
+                if first < begin:  # the recorder came back while the team went back
+                    found.append(LostSteps(first, begin - 1))
         elif why == RESTARTED and place == len(clocks) - 1:
-            if last_status - end > EPISODE_GAP:
-                found.append(LostSteps(end + 1, last_status))
+            found += _after_the_end(end, last_status)
         end = max(end, int(steps.max(initial=0)))
         if len(steps):
-            killed_at = heard_to[place] if _was_killed(bag.files[place]) else None
+            killed_at = heard_to[place] if _was_killed(file) else None
     return found, known
+
+
+def _after_the_end(end: int, last_status: int) -> list[LostSteps]:
+    """Return the gap before a recorder that came back after the run's end, if there is one.
+
+    Args:
+        end: the newest time step of the files before.
+        last_status: the time step of the world's last status.
+    """
+    if last_status - end > EPISODE_GAP:
+        return [LostSteps(end + 1, last_status)]
+    return []
+
+
+def _between(end: int, first: int, killed_at: int | None) -> list[LostSteps]:
+    """Return the gap between two files, if there is one.
+
+    Args:
+        end: the newest time step of the files before.
+        first: the first time step that the next file should have.
+        killed_at: the last time step of the topic that ends first, if a recorder was killed.
+    """
+    if first - end > EPISODE_GAP:
+        return [LostSteps(end + 1, first - 1)]
+    if killed_at is not None and first > killed_at - MARGIN:
+        return [LostSteps(min(killed_at + 1, first - 1), first - 1)]
+    return []
 
 
 def _was_killed(file: BagFile) -> bool:

@@ -83,20 +83,24 @@ class Member:
         self._progress = node.announce(ros_topics.PROGRESS, self._name)
         self._report = node.reporter("agent")
         self.lockstep = RobotSide(run, self._fresh_agent(), self)
-        self._unsaid = resumed = node.values["resume"]
-        side = self.lockstep
-        store = self.output.store
-        life = node.guard.claim.id
-        self._back = RobotRollback(side, store, self._fresh_agent, life, resumed)
+        resumed = node.values["resume"]
+        # A resumed robot publishes what it knows when it knows from which step it goes on.
+        self._unsaid = resumed
+        self._back = RobotRollback(
+            self.lockstep,
+            self.output.store,
+            self._fresh_agent,
+            node.guard.claim.id,
+            resumed,
+        )
         if resumed:
             step = self._back.begin()
-            what = (
-                f"continues from its checkpoint of step {step}"
-                if step
-                else "has no checkpoint and begins anew"
-            )
+            what = "has no checkpoint and begins anew"
+            if step:
+                what = f"continues from its checkpoint of step {step}"
             node.get_logger().info(f"{self._name} {what}")
         self._step_filter = StepFilter()
+        # The last state that did not pass the filter: it counts if the world confirms its step.
         self._kept = (0, 0)
         self.joined = False
         self._ears: list[Any] = []
@@ -202,9 +206,9 @@ class Member:
             path = self._save()
         except OSError as error:
             return False, os_error_text(error)
-        return bool(
-            path
-        ), f"saved {path}" if path else "parameter 'out' is empty: nothing can be saved"
+        if path is None:
+            return False, "parameter 'out' is empty: nothing can be saved"
+        return True, f"saved {path}"
 
     # The course of the run.
 
@@ -263,31 +267,29 @@ class Member:
 
     def _not_heard_by(self) -> str:
         """Return the required subscribers of this robot that are missing, or an empty text."""
-        heard_by = self._node.heard_by
-        robots = self.run.scenario.robots
-        if not heard_by(self._action, WORLD):
+        if not self._node.heard_by(self._action, WORLD):
             return "the world simulator to listen to this robot"
-        dialogue = (ros_topics.SERVICE_EVENTS.of(robot.name) for robot in robots)
-        if self.run.recorded and not (
-            all(
-                heard_by(publisher, RECORDER)
-                for publisher in (self._action, self._percept)
-            )
-            and all(self._node.is_heard(topic, RECORDER) for topic in dialogue)
-        ):
+        if self.run.recorded and not self._is_recorded():
             return "a recorder to listen to this robot"
         return ""
+
+    def _is_recorded(self) -> bool:
+        """Return whether a recorder listens to this robot's topics and to all services."""
+        for publisher in (self._action, self._percept):
+            if not self._node.heard_by(publisher, RECORDER):
+                return False
+        services_of = ros_topics.SERVICE_EVENTS.of
+        names = self.run.scenario.names
+        return all(self._node.is_heard(services_of(name), RECORDER) for name in names)
 
     def all_done(self, now: float) -> bool:
         """Return whether all transitions are learned, or missing messages are overdue."""
         side = self.lockstep
         end = self._presence.end
-        ended = self._presence.ended
         heard_all = self.joined and end is not None and side.newest[0] >= end
-        if (
-            not (heard_all and side.waiting is None)
-            and now - ended <= LAST_REWARD_SECONDS
-        ):
+        learned_all = heard_all and side.waiting is None
+        overdue = now - self._presence.ended > LAST_REWARD_SECONDS
+        if not learned_all and not overdue:
             return False
         return self.exchange is None or not self._finished or self.exchange.over()
 
@@ -364,11 +366,9 @@ class Member:
             "transitions_dropped": self.lockstep.dropped,
             "messages_dropped": self._node.subscriber.total,
         }
-        doing = (
-            wire.RunState.LEARNING
-            if self.lockstep.agent.learning
-            else wire.RunState.GREEDY
-        )
+        doing = wire.RunState.GREEDY
+        if self.lockstep.agent.learning:
+            doing = wire.RunState.LEARNING
         self._report(doing, values)
         if not self._unsaid:
             self.episode(self.lockstep.handled)

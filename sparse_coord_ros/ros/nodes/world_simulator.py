@@ -84,7 +84,11 @@ class WorldSimulator(ParameterNode):
     returning: Returning
     _output: Output | None = None
     _rate_timer: Timer | None = None
-    _paused = _single = _beat = _stopped = False
+    _paused = False
+    # One step is to be made in spite of the pause, or is due by the rate.
+    _single = False
+    _beat = False
+    _stopped = False
     _told = -math.inf
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
@@ -96,15 +100,14 @@ class WorldSimulator(ParameterNode):
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
         self.guard = Guard(self)
-        run = self.run
         self.bodies: WorldBodies | None = None
-        if run.bodies:
-            there = self._advance_where_due
-            told_to_halt = self._halt_as_a_driver
-            self.bodies = WorldBodies(self, run, there, told_to_halt)
-        game: Game = (
-            self.bodies.game if self.bodies else World(self.run.scenario, self.run.seed)
-        )
+        if self.run.bodies:
+            self.bodies = WorldBodies(
+                self, self.run, self._advance_where_due, self._halt_as_a_driver
+            )
+            game: Game = self.bodies.game
+        else:
+            game = World(self.run.scenario, self.run.seed)
         self.topics = WorldTopics(self, self.run, game, self._save)
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
@@ -181,10 +184,7 @@ class WorldSimulator(ParameterNode):
             self._halt(hold)
         left = ", ".join(self.bodies.unconfirmed())
         if left:
-            return (
-                False,
-                f"{self.doing}; not yet confirmed by the drivers of {left}",
-            )
+            return False, f"{self.doing}; not yet confirmed by the drivers of {left}"
         return True, self.doing
 
     def _halt_as_a_driver(self, robot: str) -> None:
@@ -218,8 +218,9 @@ class WorldSimulator(ParameterNode):
             self._advance_where_due()
         if not self.done:
             self._say()
-        refused = "the run is not under way, or a robot has not acted yet"
-        return ready, f"step {step}" if ready else refused
+        if not ready:
+            return False, "the run is not under way, or a robot has not acted yet"
+        return True, f"step {step}"
 
     # The course of the run.
 
@@ -261,9 +262,10 @@ class WorldSimulator(ParameterNode):
 
     def _missing(self) -> list[str]:
         """Return the missing nodes of the team: robots, drivers as commands, the recorder."""
-        return self.topics.missing() + (
-            [] if self.bodies is None else self.bodies.missing()
-        )
+        missing = self.topics.missing()
+        if self.bodies is not None:
+            missing = missing + self.bodies.missing()
+        return missing
 
     def _start_when_complete(self, now: float) -> None:
         missing = self.returning.resume() or self._missing()
@@ -345,12 +347,12 @@ class WorldSimulator(ParameterNode):
         if self.values["rate"] == 0 or self._paused:
             return
         seconds = 1 / self.values["rate"]
-        if self._rate_timer is None or self._rate_timer.timer_period_ns != round(
-            1e9 * seconds
-        ):
-            if self._rate_timer is not None:
-                self.destroy_timer(self._rate_timer)
-            self._rate_timer = self.create_timer(seconds, self.beat)
+        timer = self._rate_timer
+        if timer is not None and timer.timer_period_ns == round(1e9 * seconds):
+            return
+        if timer is not None:
+            self.destroy_timer(timer)
+        self._rate_timer = self.create_timer(seconds, self.beat)
 
     def beat(self) -> None:
         """The next step is due, by the `rate`; it is made as soon as all actions are there.
@@ -362,17 +364,20 @@ class WorldSimulator(ParameterNode):
 
     def _advance_where_due(self) -> None:
         """Make the step if all actions are there; bodies first get goals, and must arrive."""
-        rated = self.values["rate"] > 0
         waits = self._halted or (self._paused and not self._single)
         if waits or self._stopped or not self.lockstep.complete:
             return
         there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
-        if there and (self._single or self._beat or not rated):
-            self._single = self._beat = False
-            self.lockstep.advance()
-            self._end_when_finished()
-            if rated:
-                self._show()
+        rated = self.values["rate"] > 0
+        due = self._single or self._beat or not rated
+        if not there or not due:
+            return
+        self._single = False
+        self._beat = False
+        self.lockstep.advance()
+        self._end_when_finished()
+        if rated:
+            self._show()
 
     def _end_when_finished(self) -> None:
         if self.lockstep.finished and not self.done:

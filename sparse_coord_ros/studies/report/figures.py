@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.base.errors import SettingError
@@ -288,14 +289,8 @@ def swept_figure(
     _check("x", [x], varied)
     _check("measure", measures, MEASURABLE)
     values = list(dict.fromkeys(one.scenario.plain_settings[x] for one in results))
-    numbers = all(
-        isinstance(value, int | float) and not isinstance(value, bool)
-        for value in values
-    )
-    others = [name for name in varied if name != x]
-    groups: dict[str, list[ConditionResult]] = {}
-    for one in results:
-        groups.setdefault(_panel_title(one, others), []).append(one)
+    numbers = all(map(_is_number, values))
+    groups = _by_panel(results, [name for name in varied if name != x])
     columns = len(groups) if len(groups) > 1 else len(measures)
     columns = min(MOST_COLUMNS, columns)
     figure, panels = panel_grid(len(measures) * len(groups), columns)
@@ -305,11 +300,7 @@ def swept_figure(
         for axes, (title, own) in zip(drawn, groups.items(), strict=True):
             data = measured(own, measure)
             bars = bars or bool(data["high"].any())
-            if numbers:
-                draw_lines(axes, data, x)
-            else:
-                data[x] = data[x].map(as_text)
-                draw_points(axes, data, x, list(map(as_text, values)))
+            _draw_swept(axes, data, x, None if numbers else list(map(as_text, values)))
             axes.set_title(title, fontsize=11)
         finish_measure(drawn, measure)
         last = row == len(measures) - 1 or len(groups) == 1
@@ -317,6 +308,31 @@ def swept_figure(
     said = (ERRORS if bars else NO_BARS) + (NESTED_TEXT if numbers else "")
     add_legend(figure, said.format(runs=results[0].runs))
     return figure
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _by_panel(
+    results: Results, settings: Sequence[str]
+) -> dict[str, list[ConditionResult]]:
+    """Return the results of each combination of some settings, by the title of its panel."""
+    groups: dict[str, list[ConditionResult]] = {}
+    for one in results:
+        groups.setdefault(_panel_title(one, settings), []).append(one)
+    return groups
+
+
+def _draw_swept(
+    axes: Axes, data: pd.DataFrame, x: str, names: list[str] | None
+) -> None:
+    """Draw a measure against a setting: of numbers as lines, of `names` as points."""
+    if names is None:
+        draw_lines(axes, data, x)
+        return
+    data[x] = data[x].map(as_text)
+    draw_points(axes, data, x, names)
 
 
 def _varied(results: Results) -> list[str]:
