@@ -17,6 +17,7 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.solve.asking_search import (
     RESTARTS,
     WARNING,
@@ -38,7 +39,6 @@ from sparse_coord_ros.core.solve.shipped import (
     shipped_best_team,
     shipped_routes,
 )
-from sparse_coord_ros.core.solve.verdict import fails
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 

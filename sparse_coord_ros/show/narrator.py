@@ -13,8 +13,8 @@ from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.runs.run import TeamTransition
-from sparse_coord_ros.core.solve.verdict import fails
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Interacting, Question, interacting_in

@@ -31,6 +31,7 @@ from sparse_coord_ros.core.engine.cluster import SchedulerLike
 from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting, as_text
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve.exact import evaluate_best
@@ -54,7 +55,7 @@ from sparse_coord_ros.studies.lists import (
     items_of,
 )
 from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment, warn
-from sparse_coord_ros.studies.standings import ARRIVE, failed_teams, pooled_share
+from sparse_coord_ros.studies.standings import failed_teams, pooled_share
 from sparse_coord_ros.studies.store import Say, standard_error
 
 if TYPE_CHECKING:
@@ -465,7 +466,7 @@ class Judge:
                 )
                 return ()
             returns = tuple(one.returns.mean for one in own)
-            failed = sum(one.all_arrived < ARRIVE for one in own)
+            failed = sum(fails(one.all_arrived) for one in own)
             found.append(result_of(item, scenario, returns, failed))
         return tuple(found)
 

@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.runs.evaluation import Measure, fails
 from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
 RESAMPLES = 2000
 """Of a bootstrap."""
-
-
-ARRIVE = 0.999
-"""Share of trials in which every robot is to arrive."""
 
 
 @dataclass(frozen=True)
@@ -161,13 +157,13 @@ def pooled_share(
 
 
 def failed_teams(result: ConditionResult) -> int:
-    """Return the number of failed teams: they miss in more than one trial of a thousand."""
-    return int(fails(result).sum())
+    """Return the number of failed teams."""
+    return int(teams_that_fail(result).sum())
 
 
-def fails(result: ConditionResult) -> np.ndarray:
-    """Return whether each team fails in more than one trial of a thousand, (runs,), bool."""
-    if result.exact is None:
-        missed = np.array(result.not_arrived) / result.trials
-        return missed > 1.0 - ARRIVE
-    return np.array(result.exact["arrived"]) < ARRIVE
+def teams_that_fail(result: ConditionResult) -> np.ndarray:
+    """Return whether each team fails, exactly where that is known; (runs,), bool."""
+    arrived = result.arrived_in_trials
+    if result.exact is not None:
+        arrived = result.exact["arrived"]
+    return np.array([fails(share) for share in arrived])

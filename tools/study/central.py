@@ -21,6 +21,7 @@ from sparse_coord_ros.core.game.many_games import Games, Infos, Outcome, advance
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.streams import EVALUATION, LEARNING
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.studies.benchmark import (
     BenchmarkResult,
     Entry,
@@ -31,7 +32,7 @@ from sparse_coord_ros.studies.benchmark import (
 )
 from sparse_coord_ros.studies.lists import ABOUT, LISTS, Item
 from sparse_coord_ros.studies.report.text import Row
-from sparse_coord_ros.studies.standings import ARRIVE, pooled_share
+from sparse_coord_ros.studies.standings import pooled_share
 from tools.study.coordination import Found, Study
 
 PAGE = "leaderboard.md"
@@ -398,8 +399,9 @@ class Trial:
             changed, teams, seed, reach=self.reach, first_value=self.first_value
         )
         returns, arrived = play(changed, tables, TRIALS, seed)
-        failed = arrived.all(axis=2).mean(axis=1) < ARRIVE
-        return returns.mean(axis=(1, 2)), int(failed.sum())
+        shares = arrived.all(axis=2).mean(axis=1)
+        failed = sum(fails(share) for share in shares)
+        return returns.mean(axis=(1, 2)), failed
 
 
 PROTOCOL: Mapping[str, object] = {

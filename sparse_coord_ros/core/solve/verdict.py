@@ -9,15 +9,12 @@ from sparse_coord_ros.core.game.percepts import percepts_can_succeed
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.runs.evaluation import Evaluation
+from sparse_coord_ros.core.runs.evaluation import Evaluation, fails
 from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
 from sparse_coord_ros.core.solve.exact import ExactEvaluation
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import yardsticks
-
-HARDLY_EVER = 1e-3
-"""Share of the trials in which some robot may fail to arrive."""
 
 SLIGHT = 0.005
 """A loss is slight up to this share of what a robot alone in the world earns."""
@@ -48,15 +45,6 @@ class Verdict(NamedTuple):
 
     kind: str
     text: str
-
-
-def fails(all_arrived: float) -> bool:
-    """Return whether a team fails.
-
-    Args:
-        all_arrived: share of its episodes in which all robots arrive.
-    """
-    return 1.0 - all_arrived > HARDLY_EVER
 
 
 def last_word(

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.runs.evaluation import ARRIVE, Measure, fails
 from sparse_coord_ros.core.solve.advice import LEAST_RELATIVE_GAIN
 from sparse_coord_ros.core.solve.verdict import RARE
 from sparse_coord_ros.studies.catalogue import (
@@ -78,7 +78,7 @@ from sparse_coord_ros.studies.report.when import (
     with_ways_apart,
 )
 from sparse_coord_ros.studies.report.when_figures import KIND_LINES, LINES, MORE_LINES
-from sparse_coord_ros.studies.standings import ARRIVE, standings
+from sparse_coord_ros.studies.standings import standings
 from sparse_coord_ros.studies.store import CONFIDENCE, ConditionResult
 
 Results = Sequence[ConditionResult]
@@ -302,7 +302,7 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
         TARGET,
         f"in {percent(arrived, 2)}; teams in which a robot fails more often than once in a "
         f"thousand trials: {failed(coop)}; in other experiments: {named(others)}",
-        int(arrived >= ARRIVE),
+        int(not fails(arrived)),
         1,
     )
 

@@ -25,7 +25,7 @@ from sparse_coord_ros.core.solve.optimum import always_asking, independent_bound
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.core.solve.verdict import ENOUGH
 from sparse_coord_ros.studies.report.charts import BEST_ASKING
-from sparse_coord_ros.studies.standings import fails
+from sparse_coord_ros.studies.standings import teams_that_fail
 from sparse_coord_ros.studies.store import ConditionResult
 
 Results = Sequence[ConditionResult]
@@ -117,7 +117,7 @@ def line_of(result: ConditionResult) -> str:
 
 
 def _learned(result: ConditionResult) -> Row:
-    arrives = ~fails(result)
+    arrives = ~teams_that_fail(result)
     returns = result.run_means("returns")
     asks = result.run_means("asks")
     row = _place(result)
