@@ -6,6 +6,7 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import (
     JSON,
@@ -118,7 +119,7 @@ def execute(options: argparse.Namespace) -> None:
 
 def _arrivals_in_words(arrives: float) -> str:
     """Return in how many episodes the joint optimum arrives, and what to do where it does not."""
-    said = f"; all robots arrive in {100 * arrives:.2f} % of the episodes"
+    said = f"; all robots arrive in {percent(arrives)} of the episodes"
     if fails(arrives):
         said += ": help pays more than arriving; choose a smaller reward"
     return said

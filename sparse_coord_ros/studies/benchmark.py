@@ -24,6 +24,7 @@ from sparse_coord_ros.base.errors import (
 )
 from sparse_coord_ros.base.files import path_argument, write_whole
 from sparse_coord_ros.base.limits import RESULTS, read_file
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.engine.batch import run_batch
@@ -194,7 +195,7 @@ class Place:
         never = f"> {tried[-1]:,}"
         return {
             **named,
-            "share of the gap": f"{100 * share:.1f} % ({100 * error:.1f})",
+            "share of the gap": f"{percent(share)} ({100 * error:.1f})",
             "failed teams": f"{self.failed} of {self.teams}",
             "steps to 90 %": f"{self.steps_to_90:,}" if self.steps_to_90 else never,
             "seconds a run": "-" if self.seconds is None else f"{self.seconds:.2f}",

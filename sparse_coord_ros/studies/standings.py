@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure, fails
 from sparse_coord_ros.core.solve.shipped import known_best
@@ -52,13 +53,13 @@ class Standing:
     def share_and_failed(self) -> str:
         """Return the share of the gap with its error in percent, and the count of failed teams."""
         share = self.share
-        percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
-        return f"{percent}; {self.of_teams(self.failed)} fail"
+        closed = f"{percent(share.mean)} ({100 * share.standard_error:.1f})"
+        return f"{closed}; {self.of_teams(self.failed)} fail"
 
     def of_teams(self, count: int) -> str:
         """Return a number of teams; for 0 also the upper 95 % confidence limit of their share."""
         most = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / self.teams)
-        surely = f" (< {100 * most:.1f} %)" if count == 0 else ""
+        surely = f" (< {percent(most)})" if count == 0 else ""
         return f"{count} of {self.teams}{surely}"
 
     def to_dict(self) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba, inlined, jit
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game import many_games
 from sparse_coord_ros.core.game.many_games import Games, Infos, Outcome, advance, begin
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -447,7 +448,7 @@ def _tuning(_found: Found) -> Iterator[Row]:
         }
         for steps, found, (share, error) in zip(BUDGETS, own, stood, strict=True):
             failed = sum(one.failed for one in found)
-            said = f"{100 * share:.1f} % ({100 * error:.1f}); {failed}"
+            said = f"{percent(share)} ({100 * error:.1f}); {failed}"
             row[f"2r, {steps:,} steps"] = said
         yield row
 

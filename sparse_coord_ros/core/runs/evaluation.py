@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting
@@ -157,7 +158,7 @@ def measured_in_words(found: Any) -> str:
     return (
         f"return {found.returns.mean:.2f}{shown}, time to goal {found.time_to_goal.mean:.2f}, "
         f"miscoordinations {found.miscoordinations.mean:.2f}, asks {found.asks.mean:.2f}, "
-        f"all arrive in {found.all_arrived:.2%}"
+        f"all arrive in {percent(found.all_arrived)}"
     )
 
 

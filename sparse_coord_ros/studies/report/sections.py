@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import ARRIVE, Measure, fails
 from sparse_coord_ros.core.solve.advice import LEAST_RELATIVE_GAIN
@@ -55,7 +56,6 @@ from sparse_coord_ros.studies.report.text import (
     named,
     of,
     optimum_of,
-    percent,
     share,
     shortest_paths_of,
     signed,
@@ -88,6 +88,9 @@ NEGLIGIBLE_QUESTIONS = 0.25
 
 EQUAL_SHARE = 0.005
 """Shares of a gap that differ by less count as equal."""
+
+NEARLY_ALWAYS = 0.9995
+"""A share of time from which on robots count as always near doorways."""
 
 TARGET = "our target"
 CENTRAL_CLAIM = "central claim"
@@ -300,7 +303,7 @@ def _arrivals(source: str, coop: Results, elsewhere: Mapping[str, Results]) -> C
     return Claim(
         f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials of {source}",
         TARGET,
-        f"in {percent(arrived, 2)}; teams in which a robot fails more often than once in a "
+        f"in {percent(arrived)}; teams in which a robot fails more often than once in a "
         f"thousand trials: {failed(coop)}; in other experiments: {named(others)}",
         int(not fails(arrived)),
         1,
@@ -492,7 +495,9 @@ def _gap_claim(
     for name, measure in closed.items():
         target = targets.get(name, math.inf)
         met += measure is not None and measure.mean >= target
-    aims = {name: percent(targets[name], 0) for name in closed if name in targets}
+    aims = {
+        name: percent(targets[name], whole=True) for name in closed if name in targets
+    }
     told = named({name: share(measure) for name, measure in closed.items()})
     return Claim(f"{text}: {named(aims)}", TARGET, told, met, len(closed))
 
@@ -650,7 +655,7 @@ def crowd(results: Results) -> Section:
         "robots": len(largest.scenario.robots),
         "dense": size(largest.dense_bytes),
         "visited": size(largest.visited_bytes),
-        "arrived": percent(min(one.arrived for one in teams), 2),
+        "arrived": percent(min(one.arrived for one in teams)),
         "failed": failed(teams),
     }
     return Section("crowd.md.j2", pd.DataFrame(rows), claims, values)
@@ -687,7 +692,7 @@ def _asks_near_doorways(results: Results) -> Claim:
         time = analysis.share_near(one.scenario, one.stays)
         if one.best("asks").mean < RARE:
             silent.append(one.scenario.name)
-        elif percent(time) == percent(1.0):
+        elif time >= NEARLY_ALWAYS:
             always_near.append(one.scenario.name)
         else:
             more_often.append(asked > time)
@@ -753,7 +758,9 @@ def unseen(results: Results) -> Section:
             }
         )
     return Section(
-        "unseen.md.j2", pd.DataFrame(rows), values={"sure": percent(CONFIDENCE, 0)}
+        "unseen.md.j2",
+        pd.DataFrame(rows),
+        values={"sure": percent(CONFIDENCE, whole=True)},
     )
 
 
@@ -806,7 +813,7 @@ def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
         asked[column] = with_error(questions)
         if not math.isnan(one["share"]):
             error = fixed(100 * one["share_error"], 0)
-            gained[column] = f"{100 * one['share']:.0f} % ({error})"
+            gained[column] = f"{percent(one['share'], whole=True)} ({error})"
     rows = [gained] if averages["questions"].isna().all() else [asked, gained]
     teams = int(averages["teams"].sum())
     if teams:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.advice import (
@@ -112,7 +113,7 @@ def line_of(result: ConditionResult) -> str:
         return KINDS[result.scenario.interactions]
     chance = chance_of_answer(result.scenario)
     if chance < 1.0:
-        return f"{chance:.0%} of questions answered"
+        return f"{percent(chance, whole=True)} of questions answered"
     return LEARNED[result.condition.learner]
 
 
