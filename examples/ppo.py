@@ -133,7 +133,7 @@ class Curve(BaseCallback):
             error = returns.std(ddof=1) / len(returns) ** 0.5
             print(
                 f"{transitions:>9,} steps {seconds:6.1f} s: {returns.mean():7.2f} ± {error:.2f}, "
-                f"all arrive in {arrived.mean():.1%}",
+                f"all arrive in {100 * arrived.mean():.1f} %",
                 flush=True,
             )
         return True

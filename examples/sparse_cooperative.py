@@ -23,6 +23,7 @@ import numpy as np
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
+from sparse_coord_ros.core.runs.evaluation import fails
 
 REACH = 1
 FIRST_VALUE = 20.0
@@ -175,7 +176,7 @@ def main(name="env1", steps=20000, teams=20):
     returns, arrived = play(scenario, learn(scenario, int(teams)), 1000)
     means = returns.mean(axis=(1, 2))
     error = means.std(ddof=1) / len(means) ** 0.5
-    failed = (arrived.all(axis=2).mean(axis=1) < 0.999).sum()
+    failed = sum(fails(share) for share in arrived.all(axis=2).mean(axis=1))
     print(
         f"learned, central: {means.mean():.2f} ± {error:.2f}, {failed} of {teams} teams fail"
     )

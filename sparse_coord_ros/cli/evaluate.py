@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
     JSON,
@@ -198,7 +199,7 @@ def result_table(found: Sequence[Evaluated]) -> str:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
-        arrived = f"{100 * result.all_arrived:.2f} %"
+        arrived = percent(result.all_arrived)
         if isinstance(result, Evaluation):
             arrived = f"{result.trials - result.not_arrived} of {result.trials}"
         measures = (getattr(result, name) for name in PAPER_MEASURES)

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import (
     JSON,
@@ -16,7 +17,9 @@ from sparse_coord_ros.cli.options import (
     scenario_options,
     tell,
 )
+from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.solve.asking_search import (
     RESTARTS,
     WARNING,
@@ -26,9 +29,10 @@ from sparse_coord_ros.core.solve.asking_search import (
 from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.optimum import (
     MOST_JOINT_STATES,
-    arrivals_of_optimum,
     independent_bound,
+    is_too_large,
     joint_optimum,
+    optimum_and_arrivals,
     upper_bound,
 )
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -38,7 +42,6 @@ from sparse_coord_ros.core.solve.shipped import (
     shipped_best_team,
     shipped_routes,
 )
-from sparse_coord_ros.core.solve.verdict import fails
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
@@ -79,7 +82,11 @@ def execute(options: argparse.Namespace) -> None:
         _search(options, scenario)
         return
     allowed_with(options, "--class", OF_THE_SEARCH)
-    optimum = joint_optimum(scenario)
+    arrives: float | None = None
+    if any(scenario.help_rewards) and not is_too_large(scenario):
+        optimum, arrives = optimum_and_arrivals(scenario)
+    else:
+        optimum = joint_optimum(scenario)
     bound = upper_bound(scenario)
     paths = shortest_path_reference(scenario)
     shipped = shipped_asking_team(scenario)
@@ -95,10 +102,10 @@ def execute(options: argparse.Namespace) -> None:
         known["exact joint optimum"] = f"not computed: {limit}"
     if optimum.exact:
         known["exact joint optimum"] = f"{optimum.value:.2f}"
-        if any(scenario.help_rewards):
-            arrives = arrivals_of_optimum(scenario)
-            facts |= {"optimum_arrives": arrives}
-            known["exact joint optimum"] += _arrivals_in_words(arrives)
+    if arrives is not None:
+        facts |= {"optimum_arrives": arrives}
+        said = _arrivals_in_words(arrives, in_time=not fails(paths.all_arrived))
+        known["exact joint optimum"] += said
     if shipped is not None:
         known["best asking team found"] = f"{shipped.value:.2f}, {WARNING}"
     if team is not None:
@@ -113,13 +120,30 @@ def execute(options: argparse.Namespace) -> None:
     if not paths.exact:
         known["fixed shortest paths"] += f"; {paths.trials} trials (standard error)"
     head = f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states"
-    tell(options, facts, head, *(f"{name:<22} {said}" for name, said in known.items()))
+    lines = [f"{name:<22} {said}" for name, said in known.items()]
+    if fails(paths.all_arrived):
+        lines.append(_horizon_in_words(scenario))
+    tell(options, facts, head, *lines)
 
 
-def _arrivals_in_words(arrives: float) -> str:
-    """Return in how many episodes the joint optimum arrives, and what to do where it does not."""
-    said = f"; all robots arrive in {100 * arrives:.2f} % of the episodes"
-    if fails(arrives):
+def _horizon_in_words(scenario: Scenario) -> str:
+    """Return which of the numbers are those of the horizon; the others are carried to infinity."""
+    steps = "step" if scenario.horizon == 1 else "steps"
+    within = f"within the horizon of {scenario.horizon} {steps}"
+    if only_together(interactions_of(scenario)):
+        return f"Miscoordinations and arrivals are counted {within}; values have no horizon."
+    return f"Shortest paths are evaluated {within}; the other values have no horizon."
+
+
+def _arrivals_in_words(arrives: float, *, in_time: bool) -> str:
+    """Return in how many episodes the joint optimum arrives, and what to do where it does not.
+
+    Args:
+        arrives: share of its episodes in which all robots arrive within the horizon.
+        in_time: whether robots on shortest paths arrive within it.
+    """
+    said = f"; all robots arrive in {percent(arrives)} of the episodes"
+    if fails(arrives) and in_time:
         said += ": help pays more than arriving; choose a smaller reward"
     return said
 

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
@@ -80,7 +81,7 @@ def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
                 error,
                 f"{result.measure('miscoordinations').mean:.2f}",
                 f"{asks.mean:.2f}",
-                f"{result.arrived:.2%}",
+                percent(result.arrived),
                 f"{result.optimum:.2f}"
                 if result.optimum_exact
                 else f"<= {result.optimum:.2f}",

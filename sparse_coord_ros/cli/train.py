@@ -12,6 +12,7 @@ from typing import Any
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import RunError, os_error_text
 from sparse_coord_ros.base.files import take_lock, write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPILING, Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
@@ -319,12 +320,13 @@ def tips(scenario: Scenario, done: Training) -> list[str]:
     if left < FAR:
         found.append(
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
-            f"{left:.1%} of its value there: --set discount=0.99."
+            f"{percent(left)} of its value there: --set discount=0.99."
         )
     elif str(scenario.starts) == "fixed":
         found.append(
             "Episodes that always begin at the same cells seldom find a distant goal: "
             f"--set starts={SETTINGS['starts'].default}."
         )
-    share = f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the"
-    return [*found, f"{share} goal; learn longer: --steps {10 * scenario.steps}."]
+    share = percent(arrived, whole=True)
+    ended = f"In the second half of learning {share} of the robots' episodes ended at the goal"
+    return [*found, f"{ended}; learn longer: --steps {10 * scenario.steps}."]

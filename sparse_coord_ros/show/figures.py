@@ -20,6 +20,7 @@ from matplotlib.ticker import MaxNLocator
 
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
 from sparse_coord_ros.base.palette import OUTCOME_COLOURS, robot_colour
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import DIRECTIONS
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.log.runlog.log import RunLog
@@ -493,12 +494,13 @@ def _sparsity(shown: OpenedRun, label: str) -> Iterator[Panel]:
     possible = rule.rows_of_a_cell(scenario) * len(scenario.map.cells)
     named = zip(_names(shown), counts, strict=True)
     titles = [
-        f"$Q^C$ of {name}, {own.sum() / possible:.2%} learned" for name, own in named
+        f"$Q^C$ of {name}, {percent(own.sum() / possible)} learned"
+        for name, own in named
     ]
     if len(counts) > 2:
         counts = counts.mean(axis=0, keepdims=True)
         share = counts.sum() / possible
-        titles = [f"$Q^C$, {share:.2%} learned, mean of {len(learned)} robots"]
+        titles = [f"$Q^C$, {percent(share)} learned, mean of {len(learned)} robots"]
     factored = isinstance(rule, Factored)
     scale = (
         "rows of corrections learned (four moves each)"

@@ -10,11 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.runs.run import TeamTransition
-from sparse_coord_ros.core.solve.verdict import fails
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Interacting, Question, interacting_in
@@ -317,7 +318,7 @@ def failing_in_words(all_arrived: float) -> str:
     """
     if not fails(all_arrived):
         return ""
-    share = f"{100 * all_arrived:.2f} %"
+    share = percent(all_arrived)
     return f"This team fails: all robots arrive in {share} of its greedy episodes."
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.base.palette import ANSWERED
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.plugins import leaving_out
@@ -114,7 +115,7 @@ def _value(shown: OpenedRun, baselines: bool) -> Iterator[Part]:
         paths.measure_in_words("time_to_goal"),
         paths.measure_in_words("miscoordinations", 3),
     )
-    arrive = f"{paths.all_arrived:.2%}"
+    arrive = percent(paths.all_arrived)
     rows.append(["fixed shortest paths", *measures, "0", arrive])
     rows += [[name, f"{value:.2f}", *"----"] for name, value in yardsticks(scenario)]
     yield table(
@@ -135,7 +136,7 @@ def _measures(name: str, found: Evaluation | ExactEvaluation) -> list[str]:
     """Return the table row of a team."""
     spread = [(found.returns, 2), (found.time_to_goal, 2), (found.miscoordinations, 3)]
     measures = [with_spread(one, digits) for one, digits in spread]
-    measures += [f"{found.asks.mean:.2f}", f"{found.all_arrived:.2%}"]
+    measures += [f"{found.asks.mean:.2f}", percent(found.all_arrived)]
     return [f"{name}, {found.how}", *measures]
 
 

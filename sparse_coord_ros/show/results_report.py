@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.show.html import Part, code, page, picture, table, text
 from sparse_coord_ros.show.results import (
@@ -31,7 +32,6 @@ from sparse_coord_ros.studies.report.text import (
     listed,
     of,
     optimum_of,
-    percent,
     shortest_paths_of,
     with_error,
 )
@@ -152,7 +152,7 @@ def _conditions_table(results: Iterable[ConditionResult]) -> Part:
             "time to goal": f"{one.best('time_to_goal').mean:.2f}",
             "miscoordinations": f"{one.best('miscoordinations').mean:.3f}",
             "asks": f"{one.best('asks').mean:.2f}",
-            "all arrive": percent(one.arrived, 2),
+            "all arrive": percent(one.arrived),
             "failed teams": of(one.failed_teams, one.runs),
             "shortest paths": shortest_paths_of(one),
             "best asking team found": bound_of(one),

@@ -25,6 +25,7 @@ from sparse_coord_ros.core.engine.cluster import SchedulerLike
 from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting, as_text
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve.exact import evaluate_best
@@ -46,7 +47,7 @@ from sparse_coord_ros.studies.lists import (
     items_of,
 )
 from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment, warn
-from sparse_coord_ros.studies.standings import ARRIVE, failed_teams
+from sparse_coord_ros.studies.standings import failed_teams
 from sparse_coord_ros.studies.store import Say
 
 TEAM_RUNS = Setting(
@@ -233,7 +234,7 @@ class Judge:
                 )
                 return ()
             returns = tuple(one.returns.mean for one in own)
-            failed = sum(one.all_arrived < ARRIVE for one in own)
+            failed = sum(fails(one.all_arrived) for one in own)
             found.append(result_of(item, scenario, returns, failed))
         return tuple(found)
 

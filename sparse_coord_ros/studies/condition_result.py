@@ -16,7 +16,7 @@ from sparse_coord_ros.core.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.runs.evaluation import Measure, fails
 from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.studies.conditions import Condition
@@ -131,9 +131,14 @@ class ConditionResult:
         return 1.0 - sum(self.not_arrived) / (self.runs * self.trials)
 
     @property
+    def arrived_in_trials(self) -> list[float]:
+        """Share of its trials in which every robot of a run's team arrived, for each run."""
+        return [(self.trials - missed) / self.trials for missed in self.not_arrived]
+
+    @property
     def failed_teams(self) -> int:
-        """Runs in which some robot fails to arrive in more than one trial of a thousand."""
-        return sum(count > 0.001 * self.trials for count in self.not_arrived)
+        """Runs whose team fails in its trials."""
+        return sum(fails(share) for share in self.arrived_in_trials)
 
     @property
     def joint_states(self) -> int:

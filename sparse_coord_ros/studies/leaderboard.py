@@ -14,6 +14,7 @@ from sparse_coord_ros.base.errors import (
     ResultsError,
 )
 from sparse_coord_ros.base.files import path_argument, write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.studies.checked_json import (
     DamagedError,
@@ -120,7 +121,7 @@ class Place:
         share, error = self.share
         seconds = "-" if self.seconds is None else f"{self.seconds:.2f}"
         figures = (
-            f"{100 * share:.1f} % ({100 * error:.1f})",
+            f"{percent(share)} ({100 * error:.1f})",
             f"{self.failed} of {self.teams}",
             self._steps_in_words(),
             seconds,

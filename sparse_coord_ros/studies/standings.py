@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.runs.evaluation import Measure, fails
 from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.condition_result import CONFIDENCE, ConditionResult
 
 RESAMPLES = 2000
 """Of a bootstrap."""
-
-
-ARRIVE = 0.999
-"""Share of trials in which every robot is to arrive."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +53,13 @@ class Standing:
     def share_and_failed(self) -> str:
         """Return the share of the gap with its error in percent, and the count of failed teams."""
         share = self.share
-        percent = f"{100 * share.mean:.1f} % ({100 * share.standard_error:.1f})"
-        return f"{percent}; {self.of_teams(self.failed)} fail"
+        closed = f"{percent(share.mean)} ({100 * share.standard_error:.1f})"
+        return f"{closed}; {self.of_teams(self.failed)} fail"
 
     def of_teams(self, count: int) -> str:
         """Return a number of teams; for 0 also the upper 95 % confidence limit of their share."""
         most = 1.0 - (1.0 - CONFIDENCE) ** (1.0 / self.teams)
-        surely = f" (< {100 * most:.1f} %)" if count == 0 else ""
+        surely = f" (< {percent(most)})" if count == 0 else ""
         return f"{count} of {self.teams}{surely}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -161,13 +158,13 @@ def pooled_share(
 
 
 def failed_teams(result: ConditionResult) -> int:
-    """Return the number of failed teams: they miss in more than one trial of a thousand."""
-    return int(fails(result).sum())
+    """Return the number of failed teams."""
+    return int(teams_that_fail(result).sum())
 
 
-def fails(result: ConditionResult) -> np.ndarray:
-    """Return whether each team fails in more than one trial of a thousand, (runs,), bool."""
-    if result.exact is None:
-        missed = np.array(result.not_arrived) / result.trials
-        return missed > 1.0 - ARRIVE
-    return np.array(result.exact["arrived"]) < ARRIVE
+def teams_that_fail(result: ConditionResult) -> np.ndarray:
+    """Return whether each team fails, exactly where that is known; (runs,), bool."""
+    arrived = result.arrived_in_trials
+    if result.exact is not None:
+        arrived = result.exact["arrived"]
+    return np.array([fails(share) for share in arrived])

@@ -384,6 +384,12 @@ def test_what_is_exact_decides_who_fails(result_in):
     assert failed_teams(result) == 1
 
 
+def test_a_team_that_misses_one_trial_of_a_thousand_has_not_failed(result_in):
+    result = result_in("unseen1-door-2r-0", [140.0] * 3, failing=[0, 1, 2])
+    assert failed_teams(result) == 1
+    assert result.failed_teams == 1
+
+
 @pytest.fixture
 def result_in():
     """Return a function that makes up a result in a building, with the returns of its runs."""

@@ -325,13 +325,13 @@ def test_who_hardly_asks_is_named_with_what_there_is_to_gain():
 @pytest.mark.parametrize(
     ("coop", "paths", "told", "met"),
     [
-        ((118.0,) * 4, 110.0, "90.0 % ± 0.0 %", True),
-        ((110.0,) * 4, 110.0, "50.0 % ± 0.0 %", False),
+        ((118.0,) * 4, 110.0, "90.0 % ± 0 %", True),
+        ((110.0,) * 4, 110.0, "50.0 % ± 0 %", False),
         ((110.0, 110.0, 122.0, 122.0), 110.0, "80.0 % ± 17.3 %", True),
         (
             (110.0,) * 4,
             90.0,
-            "50.0 % ± 0.0 %",
+            "50.0 % ± 0 %",
             False,
         ),  # the learned baseline is the better one
     ],

@@ -83,7 +83,7 @@ def test_questions_are_those_of_teams_that_arrive():
     [
         (learned("isr", "coop"), COOP),
         (learned("isr", "noncoop"), NEVER),
-        (learned("isr", perception="probability:0.5"), "50% of questions answered"),
+        (learned("isr", perception="probability:0.5"), "50 % of questions answered"),
         (learned("unseen1-rooms-4r-1"), "4 robots"),
         (learned("env1", interactions="swap"), KINDS["swap"]),
         (learned("env1", interactions="block", ask_cost=5), KINDS["block"]),

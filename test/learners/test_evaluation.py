@@ -12,7 +12,14 @@ from teams import untrained, walking
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.evaluation import check_tables, play, summary
+from sparse_coord_ros.core.runs.evaluation import (
+    Evaluation,
+    Measure,
+    check_tables,
+    fails,
+    play,
+    summary,
+)
 from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.runs.trials import Trials
 
@@ -29,6 +36,24 @@ def test_sure_moves_by_hand(make):
     assert result.miscoordinations.mean == 1
     assert result.time_to_goal.mean == 6
     assert result.returns.spread == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("trials", "missed", "failed"),
+    [
+        (1000, 0, False),
+        (1000, 1, False),
+        (1000, 2, True),
+        (500, 1, True),
+        (3000, 3, False),
+        (7000, 7, False),
+        (7000, 8, True),
+    ],
+)
+def test_a_failed_team_misses_more_than_one_trial_of_a_thousand(trials, missed, failed):
+    any_measure = Measure(0.0, 0.0, 0.0)
+    found = Evaluation(trials, *[any_measure] * 4, not_arrived=missed)
+    assert fails(found.all_arrived) == failed
 
 
 @pytest.mark.parametrize("perception", ["always", "never", "probability:0.5"])

@@ -548,7 +548,7 @@ def test_help_in_a_sentence(before, after, said):
 
 
 @pytest.mark.parametrize(
-    ("share", "told"), [(1.0, ""), (0.9995, ""), (0.998, "99.80 %"), (0.0, "0.00 %")]
+    ("share", "told"), [(1.0, ""), (0.9995, ""), (0.998, "99.8 %"), (0.0, "0 %")]
 )
 def test_of_a_team_that_fails_it_is_said_how_often_all_arrive(share, told):
     text = failing_in_words(share)

@@ -271,7 +271,7 @@ def test_starts_in_walls_and_no_places():
 @pytest.mark.parametrize(
     ("grey", "share", "cell", "said"),
     [
-        (205, 0.25, 0.5, ["25% of the free pixels have grey 205, which map_saver"]),
+        (205, 0.25, 0.5, ["25 % of the free pixels have grey 205, which map_saver"]),
         (205, 0.196, 0.5, []),
         (206, 0.25, 0.5, []),
         (

@@ -340,7 +340,7 @@ def processes(start_node, tmp_path):
         found[robot] = start_node("robot", robot, out=out)
         found[f"{robot}_driver"] = start_node("driver", f"{robot}_driver", robot=robot)
     found["body"] = start_node("body", "body", body_rate=20.0)
-    found["world_simulator"].wait_for("0%  ")
+    found["world_simulator"].wait_for("0 %  ")
     return found
 
 

@@ -17,9 +17,9 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.optimum import (
     SOLVED,
-    arrivals_of_optimum,
     independent_bound,
     joint_optimum,
+    optimum_and_arrivals,
     upper_bound,
 )
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -323,7 +323,9 @@ def test_no_team_earns_more_than_the_bound_where_robots_help(monkeypatch, reward
 @pytest.mark.parametrize(("reward", "share"), [(20, 1.0), (24, 1.0), (30, 0.0)])
 def test_a_help_reward_that_is_too_large_keeps_the_optimum_from_arriving(reward, share):
     scenario = load_scenario("lift", interactions=f"help:{reward}")
-    assert arrivals_of_optimum(scenario) == pytest.approx(share, abs=1e-3)
+    found, arrives = optimum_and_arrivals(scenario)
+    assert found == joint_optimum(scenario)
+    assert arrives == pytest.approx(share, abs=1e-3)
 
 
 def test_a_best_policy_without_help_arrives_as_robots_alone_do():
@@ -336,4 +338,5 @@ def test_a_best_policy_without_help_arrives_as_robots_alone_do():
         sum(math.comb(10, k) * 0.8**k * 0.2 ** (10 - k) for k in range(moves, 11))
         for moves in far
     ]
-    assert arrivals_of_optimum(scenario) == pytest.approx(math.prod(alone), abs=1e-9)
+    _, arrives = optimum_and_arrivals(scenario)
+    assert arrives == pytest.approx(math.prod(alone), abs=1e-9)

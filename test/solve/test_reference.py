@@ -228,6 +228,6 @@ def test_a_pair_too_large_for_the_joint_chain_is_played(monkeypatch):
 def test_words_say_who_fails(make):
     stuck = make("1..2", move_success=1, interactions="block:anywhere")
     said = shortest_path_reference(stuck).in_words()
-    assert said == "0.00, 0.00 miscoordinations, all arrive in 0.0%"
+    assert said == "0.00, 0.00 miscoordinations, all arrive in 0 %"
     late = make("1D2", move_success=1, horizon=1)
     assert shortest_path_reference(late).all_arrived == 0

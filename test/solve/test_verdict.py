@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from teams import untrained, walking
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.exact import evaluate_exact
@@ -55,7 +56,7 @@ def test_it_states_reward_share_and_loss():
     said = earning(scenario, 117.0).text
     assert said == (
         "The team learned to coordinate: a robot earns 117.00, robots that ignore each other "
-        "92.60. This closes 94% of the gap to the best asking team found (118.51; loss 1.51). "
+        "92.60. This closes 94 % of the gap to the best asking team found (118.51; loss 1.51). "
         "Miscoordinations per episode: 0.41 instead of 0.41. Coordination will pay: robots that "
         "ignore each other lose 33.86 each, as much as 33.9 questions cost; a team can win back "
         "27.96."
@@ -69,7 +70,7 @@ def test_it_states_reward_share_and_loss():
 def test_what_to_try(learner, advice):
     """Coop. settles on not asking: more steps do not help it."""
     found = earning(load_scenario("env1", penalty=-100), 93.0, learner=learner)
-    assert found.kind == FAILING and " 2% of the gap " in found.text
+    assert found.kind == FAILING and " 2 % of the gap " in found.text
     assert found.text.endswith(f"a team can win back 27.96. {advice}")
 
 
@@ -122,7 +123,7 @@ def test_a_slight_loss_alone_is_not_learned():
     gap = best - earning_of_paths(scenario)
     found = earning(scenario, best - 0.57 * gap)
     assert 0.57 * gap < SLIGHT * independent_bound(scenario) < gap
-    assert found.kind == FAILING and " 43% of the gap " in found.text
+    assert found.kind == FAILING and " 43 % of the gap " in found.text
 
 
 def earning_of_paths(scenario):
@@ -181,5 +182,5 @@ def test_robots_that_stand_in_each_other_s_way_lose_time():
     said = earning(scenario, 0.5 * (ignoring.returns + best) + 1.0)
     assert said.kind == LEARNED
     assert f"instead of {ignoring.time_to_goal:.3g}." in said.text
-    assert f"all arrive in {ignoring.all_arrived:.1%}" in said.text
+    assert f"all arrive in {percent(ignoring.all_arrived)}" in said.text
     assert "Miscoordinations" not in said.text

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import live
 from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -44,7 +45,11 @@ def ways(steps: int, repeats: int) -> str:
     for name, found in rates.items():
         bare = medians.get(name.split(",")[0] + BARE)
         rows.append(
-            [name, *spread(found), f"{medians[name] / bare:.0%}" if bare else "-"]
+            [
+                name,
+                *spread(found),
+                percent(medians[name] / bare, whole=True) if bare else "-",
+            ]
         )
     head = [
         f"{SCENARIO}, 2 robots, events executor",

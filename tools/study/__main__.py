@@ -12,6 +12,7 @@ from pathlib import Path
 
 from sparse_coord_ros.base.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import COMPUTING
 from sparse_coord_ros.cli.options import add_options, note
 from sparse_coord_ros.cli.verbs import Parser
@@ -97,7 +98,7 @@ def computing(out: Path, by: Computing) -> Callable[[Condition, Plan], Condition
 
 def _say(name: str, done: int, total: int) -> None:
     print(
-        f"\r{name} {done / max(total, 1):.0%}",
+        f"\r{name} {percent(done / max(total, 1), whole=True)}",
         end="\x1b[K",
         file=sys.stderr,
         flush=True,

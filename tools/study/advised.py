@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.unseen import KINDS, VERSIONS
 from sparse_coord_ros.core.solve.advice import (
     AVOIDABLE,
@@ -127,8 +128,8 @@ def _row(own: pd.DataFrame, said: str) -> dict[str, str]:
 
 
 def _percent(own: pd.DataFrame, value: pd.Series) -> str:
-    mean, error = _mean(own, 100.0 * value)
-    return f"{mean:.0f} % ({error:.0f})"
+    mean, error = _mean(own, value)
+    return f"{percent(mean, whole=True)} ({100.0 * error:.0f})"
 
 
 def _with_error(own: pd.DataFrame, value: pd.Series) -> str:

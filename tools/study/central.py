@@ -16,16 +16,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba, inlined, jit
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game import many_games
 from sparse_coord_ros.core.game.many_games import Games, Infos, Outcome, advance, begin
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.streams import EVALUATION, LEARNING
+from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.studies.benchmark import Entry, Judge, result_of, scenario_of
 from sparse_coord_ros.studies.leaderboard import BenchmarkResult, Leaderboard
 from sparse_coord_ros.studies.lists import ABOUT, LISTS, Item
 from sparse_coord_ros.studies.report.text import Row
-from sparse_coord_ros.studies.standings import ARRIVE, pooled_share
+from sparse_coord_ros.studies.standings import pooled_share
 from tools.study.coordination import Found, Study
 
 PAGE = "leaderboard.md"
@@ -392,8 +394,9 @@ class Trial:
             changed, teams, seed, reach=self.reach, first_value=self.first_value
         )
         returns, arrived = play(changed, tables, TRIALS, seed)
-        failed = arrived.all(axis=2).mean(axis=1) < ARRIVE
-        return returns.mean(axis=(1, 2)), int(failed.sum())
+        shares = arrived.all(axis=2).mean(axis=1)
+        failed = sum(fails(share) for share in shares)
+        return returns.mean(axis=(1, 2)), failed
 
 
 PROTOCOL: Mapping[str, object] = {
@@ -439,7 +442,7 @@ def _tuning(_found: Found) -> Iterator[Row]:
         }
         for steps, found, (share, error) in zip(BUDGETS, own, stood, strict=True):
             failed = sum(one.failed for one in found)
-            said = f"{100 * share:.1f} % ({100 * error:.1f}); {failed}"
+            said = f"{percent(share)} ({100 * error:.1f}); {failed}"
             row[f"2r, {steps:,} steps"] = said
         yield row
 

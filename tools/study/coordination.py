@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -120,7 +121,7 @@ def _return(result: ConditionResult) -> str:
 def return_and_failed(result: ConditionResult) -> str:
     """Return the return of a condition, and where teams fail their share."""
     failed = failed_share(result)
-    return _return(result) + (f", {failed:.0%} fail" if failed else "")
+    return _return(result) + (f", {percent(failed, whole=True)} fail" if failed else "")
 
 
 def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
@@ -142,7 +143,7 @@ def _pairs(found: Found) -> Rows:
             "factored": _return(own),
             "worst team": f"{own.run_means('returns').min():.2f}",
             "asks": _mean(own, "asks"),
-            "failed teams": text.percent(failed_share(own)),
+            "failed teams": percent(failed_share(own)),
             "Non-coop.": _return(base),
             "best asking team found": text.bound_of(own),
             "share of the gap": None if share is None else _share(share),
@@ -157,8 +158,8 @@ def _many(found: Found) -> Rows:
             "factored": _return(own),
             "asks": _mean(own, "asks"),
             "miscoordinations": _mean(own, "miscoordinations", 3),
-            "trials in which all arrive": text.percent(own.arrived, 2),
-            "failed teams": text.percent(failed_share(own)),
+            "trials in which all arrive": percent(own.arrived),
+            "failed teams": percent(failed_share(own)),
             "coop": _return(coop),
             "Non-coop.": _return(base),
             "planner with routes": f"{ROUTES[name]:.2f}",
@@ -248,7 +249,7 @@ def _pooled(results: Sequence[ConditionResult]) -> str:
 
 
 def _arrived(results: Sequence[ConditionResult]) -> str:
-    return text.percent(float(np.mean([result.arrived for result in results])), 2)
+    return percent(float(np.mean([result.arrived for result in results])))
 
 
 def learning_seconds(scenario: Scenario, learner: str = "factored") -> float:
@@ -319,7 +320,7 @@ def _protocol(found: Found) -> Rows:
 
 
 def _share(one: Measure) -> str:
-    return f"{text.percent(one.mean)} ({100 * one.standard_error:.1f})"
+    return f"{percent(one.mean)} ({100 * one.standard_error:.1f})"
 
 
 CROWDS = Study("many", (200, 100), 300, _many)

@@ -13,6 +13,7 @@ from itertools import count, islice
 from pathlib import Path
 
 from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.game.unseen import KINDS, VERSIONS
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
@@ -22,7 +23,7 @@ from sparse_coord_ros.core.solve.routes import route_plan
 from sparse_coord_ros.studies.catalogue import LONG
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
-from sparse_coord_ros.studies.report.text import Row, percent
+from sparse_coord_ros.studies.report.text import Row
 from sparse_coord_ros.studies.standings import standing
 
 FIRST = 800_000

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.engine.batch import prepare
 from sparse_coord_ros.core.engine.improve import improve
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -23,7 +24,7 @@ from sparse_coord_ros.core.solve.shipped import known_best
 from sparse_coord_ros.studies.catalogue import PAYING_PAIRS, unseen_conditions
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
-from sparse_coord_ros.studies.report.text import Row, percent
+from sparse_coord_ros.studies.report.text import Row
 
 SEED = 1_400_000
 """Seed of the first team: no search has seen these."""

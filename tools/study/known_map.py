@@ -9,13 +9,14 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_best, known_optimum
 from sparse_coord_ros.studies.catalogue import unseen_conditions
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.report.text import Row, percent
+from sparse_coord_ros.studies.report.text import Row
 from sparse_coord_ros.studies.standings import standing, standings
 from tools.study import improved, rules
 from tools.study.coordination import Found, Rows, Study, return_and_failed

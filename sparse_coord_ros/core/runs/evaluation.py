@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting
@@ -30,12 +31,24 @@ from sparse_coord_ros.core.runs.trials import Trials
 MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks")
 """The measures of an `Evaluation`."""
 
+ARRIVE = 0.999
+"""Share of its episodes in which all robots of a team must arrive; in a failed team fewer do."""
+
 Progress: TypeAlias = Callable[[int, int], None]
 """Is told what is done, of all that there is to do."""
 
 
 def silent(done: int, total: int) -> None:
     """Report no progress."""
+
+
+def fails(all_arrived: float) -> bool:
+    """Return whether a team fails: some robot is missing in more than one of 1,000 episodes.
+
+    Args:
+        all_arrived: share of its episodes in which all robots arrive.
+    """
+    return all_arrived < ARRIVE
 
 
 class GreedyTeam:
@@ -119,7 +132,7 @@ class Evaluation:
     @property
     def all_arrived(self) -> float:
         """Share of the trials in which all robots arrived."""
-        return 1.0 - self.not_arrived / self.trials
+        return (self.trials - self.not_arrived) / self.trials
 
     @property
     def how(self) -> str:
@@ -145,7 +158,7 @@ def measured_in_words(found: Any) -> str:
     return (
         f"return {found.returns.mean:.2f}{shown}, time to goal {found.time_to_goal.mean:.2f}, "
         f"miscoordinations {found.miscoordinations.mean:.2f}, asks {found.asks.mean:.2f}, "
-        f"all arrive in {found.all_arrived:.2%}"
+        f"all arrive in {percent(found.all_arrived)}"
     )
 
 

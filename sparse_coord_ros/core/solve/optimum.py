@@ -216,8 +216,12 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
 
 def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
     """Return the optimum by value iteration over all outcomes."""
+    return _best_at_starts(scenario, _values_by_outcomes(scenario, outcomes))
+
+
+def _best_at_starts(scenario: Scenario, values: np.ndarray) -> float:
+    """Return the value of the best joint move at the starts; values of `_values_by_outcomes`."""
     start = _joint_state(scenario, [robot.start for robot in scenario.robots])
-    values = _values_by_outcomes(scenario, outcomes)
     return float(values.max(axis=tuple(range(len(scenario.robots))))[start])
 
 
@@ -247,18 +251,24 @@ def _joint_state(scenario: Scenario, cells: Sequence[int]) -> int:
     return int(np.ravel_multi_index(cells, shape))
 
 
-def arrivals_of_optimum(scenario: Scenario) -> float:
-    """Return the share of episodes in which the joint optimum brings all robots to their goals.
+def optimum_and_arrivals(scenario: Scenario) -> tuple[Optimum, float]:
+    """Return the joint optimum, and the share of episodes in which it brings all to their goals.
 
-    It is exact. With a large reward of help the best policy never arrives. Only for scenarios
+    Both are exact. With a large reward of help the best policy never arrives. Only for scenarios
     that are not too large (`is_too_large`).
 
     Returns:
-        A probability: that all robots arrive within the `horizon` of an episode.
+        The optimum, and the probability that all robots arrive within the `horizon` of an episode.
     """
     outcomes = joint_outcomes(scenario)
-    team = len(scenario.robots)
     values = _values_by_outcomes(scenario, outcomes)
+    optimum = Optimum(_best_at_starts(scenario, values), True, values.shape[-1])
+    return optimum, _arrivals(scenario, outcomes, values)
+
+
+def _arrivals(scenario: Scenario, outcomes: JointOutcomes, values: np.ndarray) -> float:
+    """Return the probability that the best joint moves bring all robots to their goals in time."""
+    team = len(scenario.robots)
     states = np.arange(values.shape[-1])
     best = values.reshape(-1, len(states)).argmax(axis=0)
     moves = np.unravel_index(best, (PRIMITIVES,) * team)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
@@ -83,8 +84,8 @@ class Reference:
         returns = self.measure_in_words("returns")
         missed = self.measure_in_words("miscoordinations")
         text = f"{returns}, {missed} miscoordinations"
-        arrive = f"{self.all_arrived:.1%}"
-        if arrive != "100.0%":
+        arrive = percent(self.all_arrived)
+        if arrive != percent(1.0):
             text += f", all arrive in {arrive}"
         return text
 

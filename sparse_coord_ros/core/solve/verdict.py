@@ -5,19 +5,17 @@
 import math
 from typing import NamedTuple
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.percepts import percepts_can_succeed
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.runs.evaluation import Evaluation
+from sparse_coord_ros.core.runs.evaluation import Evaluation, fails
 from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
 from sparse_coord_ros.core.solve.exact import ExactEvaluation
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import yardsticks
-
-HARDLY_EVER = 1e-3
-"""Share of the trials in which some robot may fail to arrive."""
 
 SLIGHT = 0.005
 """A loss is slight up to this share of what a robot alone in the world earns."""
@@ -50,15 +48,6 @@ class Verdict(NamedTuple):
     text: str
 
 
-def fails(all_arrived: float) -> bool:
-    """Return whether a team fails.
-
-    Args:
-        all_arrived: share of its episodes in which all robots arrive.
-    """
-    return 1.0 - all_arrived > HARDLY_EVER
-
-
 def last_word(
     scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
 ) -> Verdict:
@@ -82,7 +71,7 @@ def last_word(
             cure = "more steps, or --learner factored"
         return Verdict(
             LOST,
-            f"In {missed:.1%} of the episodes some robot did not arrive. Try {cure}.",
+            f"In {percent(missed)} of the episodes some robot did not arrive. Try {cure}.",
         )
     alone = independent_bound(scenario)
     ignoring = shortest_path_reference(scenario)
@@ -122,8 +111,9 @@ def last_word(
             f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
         )
     gain = earned - ignoring.returns
+    closed = percent(gain / gap, whole=True)
     said = (
-        f"{own}. This closes {gain / gap:.0%} of the gap to the {name} ({best:.2f}; loss "
+        f"{own}. This closes {closed} of the gap to the {name} ({best:.2f}; loss "
         f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"
     )
     if gain >= ENOUGH * gap:
@@ -145,9 +135,9 @@ def _compared(
     if scenario.interactions.startswith("block"):
         arrive = ""
         if fails(ignoring.all_arrived):
+            share = percent(ignoring.all_arrived)
             arrive = (
-                f" Robots that ignore each other all arrive in {ignoring.all_arrived:.1%} of the "
-                "trials."
+                f" Robots that ignore each other all arrive in {share} of the trials."
             )
         return f"Steps to the goal: {steps}.{arrive}"
     if list(scenario.kinds) == ["help"]:

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError
 from sparse_coord_ros.base.limits import MAP
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.lab.maps import gridding
@@ -234,8 +235,9 @@ def _doorways(
 def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
     """Yield warnings about an image or the sizes, one line each."""
     if plan.doubtful:
+        share = percent(plan.doubtful, whole=True)
         yield (
-            f"{plan.doubtful:.0%} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
+            f"{share} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
             "writes for unknown: where they are unknown, set free_thresh to 0.196 in the YAML file"
         )
     narrow = radius / (0.5 - CLEAR)

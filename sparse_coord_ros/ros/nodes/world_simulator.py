@@ -13,6 +13,7 @@ from rclpy.timer import Timer
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.core.game.game import Game
 from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
@@ -451,8 +452,9 @@ class WorldSimulator(ParameterNode):
         self._say()
         if moved and (self.done or now - self._told >= PROGRESS_SECONDS):
             self._told = now
+            done = percent(world.transitions / run.scenario.steps, whole=True)
             line = (
-                f"{world.transitions / run.scenario.steps:4.0%}  {world.transitions} of "
+                f"{done:>5}  {world.transitions} of "
                 f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}"
             )
             if can_miscoordinate(interactions_of(run.scenario)):

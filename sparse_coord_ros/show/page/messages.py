@@ -15,6 +15,7 @@ import numpy as np
 
 from sparse_coord_ros.base import palette
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import interactions_of
@@ -286,7 +287,7 @@ def evaluation_fields(
         "step": step,
         "learner": run.title,
         **{name: asdict(one) for name, one in measures.items()},
-        "all_arrived": result.all_arrived,
+        "all_arrived": percent(result.all_arrived),
         "failing": failing_in_words(result.all_arrived),
         "askers": _askers(run, tables),
         "last_word": last_word(run.scenario, run.rule, result).text

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.advice import LEAST_RELATIVE_GAIN
 from sparse_coord_ros.core.solve.verdict import RARE
@@ -33,7 +34,6 @@ from sparse_coord_ros.studies.report.text import (
     listed,
     named,
     of,
-    percent,
     shortest_paths_of,
     with_error,
 )
@@ -59,6 +59,9 @@ NEGLIGIBLE_QUESTIONS = 0.25
 
 EQUAL_SHARE = 0.005
 """Shares of a gap that differ by less count as equal."""
+
+NEARLY_ALWAYS = 0.9995
+"""A share of time from which on robots count as always near doorways."""
 
 
 def where(results: Results) -> Section:
@@ -92,7 +95,7 @@ def _asks_near_doorways(results: Results) -> Claim:
         time = analysis.share_near(one.scenario, one.stays)
         if one.best("asks").mean < RARE:
             silent.append(one.scenario.name)
-        elif percent(time) == percent(1.0):
+        elif time >= NEARLY_ALWAYS:
             always_near.append(one.scenario.name)
         else:
             more_often.append(asked > time)
@@ -158,7 +161,9 @@ def unseen(results: Results) -> Section:
             }
         )
     return Section(
-        "unseen.md.j2", pd.DataFrame(rows), values={"sure": percent(CONFIDENCE, 0)}
+        "unseen.md.j2",
+        pd.DataFrame(rows),
+        values={"sure": percent(CONFIDENCE, whole=True)},
     )
 
 
@@ -211,7 +216,7 @@ def _by_ratio(line: str, averages: pd.DataFrame) -> list[dict[str, str]]:
         asked[column] = with_error(questions)
         if not math.isnan(one["share"]):
             error = fixed(100 * one["share_error"], 0)
-            gained[column] = f"{100 * one['share']:.0f} % ({error})"
+            gained[column] = f"{percent(one['share'], whole=True)} ({error})"
     rows = [gained] if averages["questions"].isna().all() else [asked, gained]
     teams = int(averages["teams"].sum())
     if teams:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -20,7 +21,7 @@ from sparse_coord_ros.studies.report.analysis import (
     is_shortest,
 )
 from sparse_coord_ros.studies.report.data import paper, pick
-from sparse_coord_ros.studies.report.text import listed, percent
+from sparse_coord_ros.studies.report.text import listed
 
 
 def misses(results: Iterable[ConditionResult]) -> pd.DataFrame:

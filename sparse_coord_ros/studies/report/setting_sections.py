@@ -9,6 +9,7 @@ from itertools import groupby, takewhile
 
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.studies.catalogue import (
     CLOSED,
@@ -42,7 +43,6 @@ from sparse_coord_ros.studies.report.text import (
     named,
     of,
     optimum_of,
-    percent,
     share,
     shortest_paths_of,
     signed,
@@ -138,7 +138,9 @@ def _gap_claim(
     for name, measure in closed.items():
         target = targets.get(name, math.inf)
         met += measure is not None and measure.mean >= target
-    aims = {name: percent(targets[name], 0) for name in closed if name in targets}
+    aims = {
+        name: percent(targets[name], whole=True) for name in closed if name in targets
+    }
     told = named({name: share(measure) for name, measure in closed.items()})
     return Claim(f"{text}: {named(aims)}", TARGET, told, met, len(closed))
 
@@ -290,7 +292,7 @@ def crowd(results: Results) -> Section:
         "robots": len(largest.scenario.robots),
         "dense": size(largest.dense_bytes),
         "visited": size(largest.visited_bytes),
-        "arrived": percent(min(one.arrived for one in teams), 2),
+        "arrived": percent(min(one.arrived for one in teams)),
         "failed": failed(teams),
     }
     return Section("crowd.md.j2", pd.DataFrame(rows), claims, values)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.studies.condition_result import ConditionResult
@@ -69,11 +70,6 @@ def share(measure: Measure | None) -> str:
     if measure is None:
         return "no gap to close"
     return f"{percent(measure.mean)} ± {percent(measure.standard_error)}"
-
-
-def percent(value: float, digits: int = 1) -> str:
-    """Return a share in percent."""
-    return "-" if math.isnan(value) else f"{100 * value:.{digits}f} %"
 
 
 def size(count: float) -> str:

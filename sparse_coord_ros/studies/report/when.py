@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.advice import (
@@ -26,7 +27,7 @@ from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.core.solve.verdict import ENOUGH
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.report.charts import BEST_ASKING
-from sparse_coord_ros.studies.standings import fails
+from sparse_coord_ros.studies.standings import teams_that_fail
 
 Results = Sequence[ConditionResult]
 Row = dict[str, Any]
@@ -112,12 +113,12 @@ def line_of(result: ConditionResult) -> str:
         return KINDS[result.scenario.interactions]
     chance = chance_of_answer(result.scenario)
     if chance < 1.0:
-        return f"{chance:.0%} of questions answered"
+        return f"{percent(chance, whole=True)} of questions answered"
     return LEARNED[result.condition.learner]
 
 
 def _learned(result: ConditionResult) -> Row:
-    arrives = ~fails(result)
+    arrives = ~teams_that_fail(result)
     returns = result.run_means("returns")
     asks = result.run_means("asks")
     row = _place(result)

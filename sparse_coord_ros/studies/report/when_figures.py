@@ -48,8 +48,12 @@ LINES: Mapping[str, Style] = {
 
 MORE_LINES: Mapping[str, Style] = {
     FACTORED: LINES[FACTORED],
-    "50% of questions answered": {"color": "#E69F00", "marker": "o", "linestyle": "--"},
-    "20% of questions answered": {"color": "#D55E00", "marker": "v", "linestyle": ":"},
+    "50 % of questions answered": {
+        "color": "#E69F00",
+        "marker": "o",
+        "linestyle": "--",
+    },
+    "20 % of questions answered": {"color": "#D55E00", "marker": "v", "linestyle": ":"},
     "4 robots": {"color": "#009E73", "marker": "s", "linestyle": "-."},
     "8 robots": {"color": "#0072B2", "marker": "D", "linestyle": "--"},
     AVOIDABLE_LINE: {"color": "0.45", "marker": "x", "linestyle": "-"},

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.interactions import (
     help_given,
@@ -419,11 +420,11 @@ def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
     begun = r"Here not all robots arrive without a miscoordination\. (Here )?robot_[12] asks "
     assert re.match(begun, text)
     player.source.read_through()
-    share = 100 * player.board.get("evaluation")["all_arrived"]
-    assert share < 99
+    share = player.board.get("evaluation")["all_arrived"]
+    assert share != percent(1.0)
     failing, lesson, *_ = player.board.get("learned")["lines"]
     assert failing == (
-        f"This team fails: all robots arrive in {share:.2f} % of its greedy episodes."
+        f"This team fails: all robots arrive in {share} of its greedy episodes."
     )
     assert lesson == text
     player.source.log.bag.close()

@@ -87,10 +87,9 @@ class Column {
   values() {
     const { evaluation } = this.newest;
     const one = (value, words) => html("div", {}, html("dt", {}, words), html("dd", {}, value));
-    const arrived = `${(100 * evaluation.all_arrived).toFixed(1)} %`;
     this.value.replaceChildren(
       ...MEASURES.filter(([name]) => name !== "miscoordinations" || this.canMiscoordinate).map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
-      one(arrived, "all arrive"));
+      one(evaluation.all_arrived, "all arrive"));
   }
 
   // What happened when, as ticks on the time line.

@@ -110,7 +110,7 @@ export function evaluationPanel(run, e) {
     row("td", ["time to goal", pair(e.time_to_goal)]),
     ...(run.kinds.includes("miscoordination") ? [row("td", ["miscoordinations", pair(e.miscoordinations)])] : []),
     row("td", ["questions of a robot", pair(e.asks)]),
-    row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`]),
+    row("td", ["all arrive", e.all_arrived]),
     html("caption", {}, e.last_word));
   $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of step ${number(e.step)}`;
 }
