@@ -13,7 +13,8 @@ STEP = Setting(
     "step",
     int,
     0,
-    "time step; if no robot asks there, the next one with a question",
+    "time step (a run has more of them than steps); if no robot asks there, the next one with a "
+    "question",
     low=0,
     high=2**53,
 )
@@ -51,11 +52,15 @@ def execute(options: argparse.Namespace) -> None:
     lines = [f"lost: {loss}" for loss in log.losses]
     if step is None:
         last = max(steps, default="none")
-        lines.append(f"{who}: no question from step {wanted} on; the last: {last}")
+        lines.append(f"{who}: no question from time step {wanted} on; the last: {last}")
     elif wanted not in (0, step):
-        lines.append(f"{who}: no question at step {wanted}; the next is at step {step}")
+        lines.append(
+            f"{who}: no question at time step {wanted}; the next is at time step {step}"
+        )
     lines += [line for one in found for line in in_words(log, one)]
-    lines += [f"at the end of step {step}: {sentence}" for sentence in interactions]
+    lines += [
+        f"at the end of time step {step}: {sentence}" for sentence in interactions
+    ]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
     document = {
         "wanted": wanted,

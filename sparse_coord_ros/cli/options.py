@@ -10,11 +10,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import fields, is_dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import RunError, SettingError, in_line, needed
-from sparse_coord_ros.core.game.scenario import Scenario, load_scenario, scenario_names
+from sparse_coord_ros.core.game.scenario import (
+    SETTINGS,
+    Scenario,
+    load_scenario,
+    scenario_names,
+)
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
@@ -77,8 +83,11 @@ def add_options(
         elif isinstance(one.kind, tuple):
             how |= {"choices": one.kind, "default": one.kind[0]}
         elif isinstance(one.kind, Setting):
-            how |= {"type": one.kind.parse, "default": one.kind.default}
+            how["type"] = partial(one.kind.parse, called=name)
+            how["default"] = one.kind.default
             how["required"] = one.kind.default is None
+            if one.kind.kind in (int, float):
+                how["help"] += f"; {one.kind.allowed}"
         elif one.kind is Path:
             how["type"] = _path
         elif one.kind is not None:
@@ -256,6 +265,7 @@ def settings_of(options: argparse.Namespace) -> dict[str, str]:
                     f"setting {name}: given by --{name} and by --set; give one of them"
                 )
             values[name] = getattr(options, name)
+            SETTINGS[name].parse(values[name], called=f"--{name}")
     return values
 
 

@@ -125,7 +125,7 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     tab.evaluate("document.getElementById('map').focus()")
     tab.keyboard.press("ArrowDown")
     tab.keyboard.press("ArrowRight")
-    wait_for(tab, f"document.{AGES} === 'Tables of step {wanted:,}.'")
+    wait_for(tab, f"document.{AGES} === 'Tables of time step {wanted:,}.'")
     title, *shown = wait_for(
         tab,
         "document.querySelector('#cell tr[data-robot=\"1\"] td') &&"

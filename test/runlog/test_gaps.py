@@ -251,7 +251,7 @@ def test_what_is_said(chunked, flipped, capsys):
         in out
     )
     [(first, last)] = lost_parts(verify(path))
-    assert f"undecided from step {first} to step {last}: " in out
+    assert f"undecided from time step {first} to time step {last}: " in out
     assert "differs" not in out and out.endswith("all else is identical\n")
     path, block = flipped(chunked.bag, -1)
     assert main(["verify", str(path)]) == 3

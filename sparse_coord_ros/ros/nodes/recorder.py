@@ -455,7 +455,7 @@ class Recorder(Follower):
             self.get_logger().error(str(error))
             return
         self.get_logger().info(
-            f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"
+            f"closed {self.directory.absolute()}: {bag.message_count} messages, {bag.bytes_written} bytes"
         )
 
 
