@@ -435,3 +435,12 @@ def test_the_verb(tmp_path, capsys):
     out = capsys.readouterr().out
     assert {line.split()[1] for line in out.splitlines()[2:4]} == {"noncoop", "plain"}
     assert len(sc.load_leaderboard(file).places) == 2
+
+
+def test_an_entry_is_given_once():
+    once = "'coop' is given 2 times, allowed: once"
+    with pytest.raises(SettingError, match=once):
+        sc.benchmark(["coop", "factored", "coop"])
+    entries = [Entry("mine", "coop"), Entry("mine", "factored")]
+    with pytest.raises(SettingError, match="'mine' is given 2 times"):
+        sc.benchmark(entries)

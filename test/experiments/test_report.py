@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from made_up_results import PLAN, made_up, result_of
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import parse_map
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.runs.evaluation import Measure
@@ -307,7 +308,7 @@ def test_targets_are_met_or_not(coop, paths, told, met):
     line = row_of(found.table, scenario="env1", learner="Coop.")
     assert line["closed"] == told
     closed = 100 * (np.mean(coop) - better) / (120 - better)
-    assert line["from the better"].startswith(f"{closed:.1f} % ± ")
+    assert line["from the better"].startswith(f"{percent(closed / 100)} ± ")
     assert line["failed teams"] == "1 of 4"
     assert f"env1 {told}" in found.claims[0].measured
     assert found.claims[0].holds == met
@@ -335,7 +336,7 @@ def test_coop_against_the_baselines_and_who_arrives():
     )
     assert exact.cases == 9
     assert arrived.text.endswith("of the trials of Tables 1 and 3")
-    assert arrived.measured.startswith("in 99.67 %; teams in which a robot fails")
+    assert arrived.measured.startswith("in 99.7 %; teams in which a robot fails")
     assert arrived.measured.endswith(": 1 of 36; in other experiments: crowd 3 of 4")
     assert not arrived.holds
 

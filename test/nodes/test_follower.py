@@ -116,6 +116,8 @@ def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
     bench.world(out="out", set=["steps=20000"], recorded=True)
     bench.spin_until(lambda: recorder.recording is not None, "it records")
     assert "[recorder]: records env1 from now on\n" in capfd.readouterr().err
+    recorder.finish(interrupted=True)
+    assert f"closed {where}: " in capfd.readouterr().err
 
 
 def test_a_node_that_waits_for_a_world_says_how_to_start_one(
