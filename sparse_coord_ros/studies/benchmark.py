@@ -593,8 +593,8 @@ def benchmark(
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Raises:
-        SettingError: no learner; two entries of one title; an unknown learner, list or setting; a setting that changes the
-            game.
+        SettingError: no learner; two entries of one title; an unknown learner, list or setting;
+            a setting that changes the game.
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     given = isinstance(lists, Sequence) and not isinstance(lists, str)

@@ -9,6 +9,7 @@ import pytest
 
 import sparse_coord_ros
 from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, LONGEST_LINE, MapError
+from sparse_coord_ros.cli.main import main
 
 VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce")
 

@@ -26,7 +26,7 @@ from sparse_coord_ros.core.solve.shipped import (
     unseen_buildings,
     yardsticks,
 )
-from sparse_coord_ros.studies.benchmark import read_entries
+from sparse_coord_ros.studies.benchmark import Entry, read_entries
 from sparse_coord_ros.studies.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.studies.checked_json import to_text
 from sparse_coord_ros.studies.lists import ABOUT, LISTS, PENALTY, SAMPLED
