@@ -256,7 +256,7 @@ def test_what_is_said(chunked, flipped, capsys):
     path, block = flipped(chunked.bag, -1)
     assert main(["verify", str(path)]) == 3
     out = capsys.readouterr().out
-    assert re.search(r"undecided from step \d+ on: ", out)
+    assert re.search(r"undecided from time step \d+ on: ", out)
 
 
 def test_a_recovered_bag_has_the_same_gap(chunked, flipped):

@@ -53,7 +53,7 @@ def changed(good, rewritten, tmp_path):
     [
         (
             Difference(3, "robot_1", "reward", "1", "2"),
-            "step 3, robot_1, reward: logged 1, computed 2",
+            "time step 3, robot_1, reward: logged 1, computed 2",
         ),
         (
             Difference(None, None, "topic run", "twice", "once"),
@@ -153,7 +153,7 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
     own = log.cells[row, 1]
     peer = log.cells[row, 0]
     lines = out.splitlines()
-    assert lines[0].startswith(f"step {step}: robot_2 in cell {own} [")
+    assert lines[0].startswith(f"time step {step}: robot_2 in cell {own} [")
     assert lines[1].startswith(f"  asks robot_1: answers cell {peer} [")
     assert lines[1].endswith(" ms")
     move = ("north", "south", "east", "west")[log.move[row, 1]]
@@ -194,7 +194,7 @@ def test_explain_finds_the_next_one(sparse_coord, good):
         out[0]
         == f"all robots: no question at time step {calm}; the next is at time step {following}"
     )
-    assert out[1].startswith(f"step {following}: ")
+    assert out[1].startswith(f"time step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out
 
