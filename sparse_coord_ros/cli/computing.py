@@ -24,7 +24,7 @@ COMPUTING = (
         ENGINES,
         "how to compute; all engines give identical results; auto: numba if installed",
     ),
-    Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),
+    Option("--jobs", JOBS, f"{JOBS.help} (default: all cores)", {"default": None}),
     Option(
         "--scheduler ADDRESS",
         None,

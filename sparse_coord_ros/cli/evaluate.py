@@ -57,9 +57,10 @@ OPTIONS = (
     ),
     Option(
         "--trials",
-        TRIALS.parse,
+        TRIALS,
         f"{TRIALS.help} (default: {TRIALS.default}; of several runs each is evaluated exactly "
         "where that is possible)",
+        {"default": None},
     ),
     Option(
         "--exact", bool, "compute exact values instead of trials (one or two robots)"

@@ -14,7 +14,8 @@ STEP = Setting(
     "step",
     int,
     0,
-    "time step; if no robot asks there, the next one with a question",
+    "time step (a run has more of them than steps); if no robot asks there, the next one with a "
+    "question",
     low=0,
     high=2**53,
 )
@@ -48,7 +49,9 @@ def execute(options: argparse.Namespace) -> None:
     lines += _which_step(options.robot or "all robots", options.step, step, steps)
     for one in found:
         lines += in_words(log, one)
-    lines += [f"at the end of step {step}: {sentence}" for sentence in interactions]
+    lines += [
+        f"at the end of time step {step}: {sentence}" for sentence in interactions
+    ]
     facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
     document = {
         "wanted": options.step,
@@ -72,9 +75,11 @@ def _which_step(
     """
     if step is None:
         last = max(steps, default="none")
-        return [f"{who}: no question from step {wanted} on; the last: {last}"]
+        return [f"{who}: no question from time step {wanted} on; the last: {last}"]
     if wanted not in (0, step):
-        return [f"{who}: no question at step {wanted}; the next is at step {step}"]
+        return [
+            f"{who}: no question at time step {wanted}; the next is at time step {step}"
+        ]
     return []
 
 

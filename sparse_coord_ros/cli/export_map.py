@@ -23,8 +23,9 @@ OPTIONS = (
     Option("map MAP", None, "a map's name, a map file, or a scenario file"),
     Option(
         "--resolution",
-        RESOLUTION.parse,
+        RESOLUTION,
         "metres per cell (default: the map's own, or 1)",
+        {"default": None},
     ),
     PIXELS,
     Option("--image", ("pgm", "png"), "image format"),

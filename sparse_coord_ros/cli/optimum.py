@@ -58,13 +58,15 @@ OPTIONS = (
     ),
     Option(
         "--restarts",
-        RESTARTS.parse,
+        RESTARTS,
         f"with --class: restarts of the search (default: {RESTARTS.default})",
+        {"default": None},
     ),
     Option(
         "--seed",
-        SEED.parse,
+        SEED,
         f"with --class: seed of the search (default: {SEED.default})",
+        {"default": None},
     ),
     Option(
         "--out",

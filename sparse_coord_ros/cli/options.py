@@ -10,11 +10,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import fields, is_dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import RunError, SettingError, in_line, needed
-from sparse_coord_ros.core.game.scenario import Scenario, load_scenario, scenario_names
+from sparse_coord_ros.core.game.scenario import (
+    SETTINGS,
+    Scenario,
+    load_scenario,
+    scenario_names,
+)
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
@@ -64,16 +70,20 @@ def add_options(
         if isinstance(one, Setting):
             one = Option(f"--{one.name}", one, one.help)
         name, _, _ = one.words.strip("[]").partition(" ")
-        how = _arguments(one)
+        how = _arguments(name, one)
         offered = how.pop("names", None)
         action = parser.add_argument(name, **how)
         if offered is not None:  # argcomplete calls its `completer`
             setattr(action, "completer", lambda offered=offered, **_: offered())  # noqa: B010
 
 
-def _arguments(option: Option) -> dict[str, Any]:
+def _arguments(name: str, option: Option) -> dict[str, Any]:
     """Return the arguments of `add_argument` for an option; and its `names`, if it has any."""
-    how = {"help": option.help, **_values(option.words), **_reading(option.kind)}
+    how = {
+        "help": _help(option),
+        **_values(option.words),
+        **_reading(name, option.kind),
+    }
     how |= option.more
     default = how.get("default")
     if isinstance(default, tuple):
@@ -81,6 +91,13 @@ def _arguments(option: Option) -> dict[str, Any]:
     if default not in (None, [], ""):
         how["help"] += f" (default: {default})"
     return how
+
+
+def _help(option: Option) -> str:
+    """Return an option's help, with the numbers that it allows."""
+    if isinstance(option.kind, Setting) and option.kind.kind in (int, float):
+        return f"{option.help}; {option.kind.allowed}"
+    return option.help
 
 
 def _values(words: str) -> dict[str, Any]:
@@ -98,16 +115,21 @@ def _values(words: str) -> dict[str, Any]:
 
 
 def _reading(
+    name: str,
     kind: Setting | tuple[str, ...] | Callable[[str], Any] | None,
 ) -> dict[str, Any]:
-    """Return how an option's value is read; `kind` as of `Option`."""
+    """Return how the value of an option with this name is read; `kind` as of `Option`."""
     if kind is bool:
         return {"action": "store_true"}
     if isinstance(kind, tuple):
         return {"choices": kind, "default": kind[0]}
     if isinstance(kind, Setting):
         required = kind.default is None
-        return {"type": kind.parse, "default": kind.default, "required": required}
+        return {
+            "type": partial(kind.parse, called=name),
+            "default": kind.default,
+            "required": required,
+        }
     if kind is Path:
         return {"type": _path}
     return {} if kind is None else {"type": kind}
@@ -274,6 +296,7 @@ def settings_of(options: argparse.Namespace) -> dict[str, str]:
                     f"setting {name}: given by --{name} and by --set; give one of them"
                 )
             values[name] = getattr(options, name)
+            SETTINGS[name].parse(values[name], called=f"--{name}")
     return values
 
 

@@ -56,9 +56,10 @@ OPTIONS = (
     ),
     shared.Option(
         "--checkpoint STEPS",
-        RUN_SETTINGS["checkpoint"].parse,
+        RUN_SETTINGS["checkpoint"],
         "save a checkpoint and record the tables every STEPS steps (default: 10000; 0: only at "
         "the end)",
+        {"default": None},
     ),
     shared.Option("--tables DIR", None, "start from the tables of this run directory"),
     shared.Option("--greedy", bool, "act greedily on --tables, without learning"),
@@ -113,6 +114,8 @@ def _run(
 
 def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     """Return a team's output directory and its parameters."""
+    from sparse_coord_ros.ros.nodes.parameters import TEAM_PARAMETERS
+
     names = [
         "executor",
         "rate",
@@ -145,8 +148,11 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
             f"{name}={value}" for name, value in shared.settings_of(options).items()
         ]
         values = {"set": changed or [""], "record": not options.no_record}
-    given = {name: getattr(options, name) for name in names}
-    values |= {name: value for name, value in given.items() if value is not None}
+    for name in names:
+        value = getattr(options, name)
+        if value is not None:
+            option = f"--{name.replace('_', '-')}"
+            values[name] = TEAM_PARAMETERS[name].parse(value, called=option)
     return out, {**values, "out": str(out)}
 
 

@@ -25,8 +25,10 @@ OPTIONS = (
     BAG,
     Option(
         "--step N",
-        STEP.parse,
-        "time step of the checkpoint (default: list the checkpoints)",
+        STEP,
+        "time step of the checkpoint; a run has more time steps than steps (default: list the "
+        "checkpoints)",
+        {"default": None},
     ),
     Option("--out DIR", Path, "output directory"),
     JSON,
@@ -35,18 +37,18 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    from sparse_coord_ros.log.runlog.run_messages import read_messages
+    from sparse_coord_ros.log.runlog import read_run
 
     if (options.step is None) != (options.out is None):
         raise RunError(
             "--step N and --out DIR belong together; without both the steps are listed"
         )
-    tracks = read_messages(options.bag)
-    of_each: list[dict[int, Any]] = [{} for _ in tracks.names]
-    for one in tracks.tables:
+    log = read_run(options.bag)
+    of_each: list[dict[int, Any]] = [{} for _ in log.names]
+    for one in log.all_tables:
         of_each[one.robot][one.step] = one.tables
     common = sorted(set.intersection(*(set(known) for known in of_each)))
-    said: dict[str, Any] = {"bag": options.bag, "steps": common}
+    said: dict[str, Any] = {"bag": options.bag, "steps": common, "losses": log.losses}
     there = ", ".join(map(str, common)) or "none"
     lines = [f"time steps with tables of all robots: {there}"]
     if options.out is not None:
@@ -58,7 +60,8 @@ def execute(options: argparse.Namespace) -> None:
             )
         out = create_output(options.out)
         save_team(out, [known[step].memory for known in of_each])
-        write_whole(out / RUN_FILE, tracks.run.to_yaml())
+        write_whole(out / RUN_FILE, log.run.to_yaml())
         said |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]
-    tell(options, said, *lines)
+    lost = [f"lost: {loss}" for loss in log.losses]
+    tell(options, said, *lost, *lines)

@@ -77,14 +77,16 @@ OPTIONS = (
     ),
     Option(
         "--evaluate-every STEPS",
-        EVERY.parse,
+        EVERY,
         f"also evaluate every STEPS steps, into {EVALUATIONS_FILE}",
+        {"default": None},
     ),
     Option(
         "--trials",
-        TRIALS.parse,
+        TRIALS,
         "trials of the final evaluation (default: exact if that is quick, else 1000; 0: no "
         "evaluation)",
+        {"default": None},
     ),
     IMPROVE,
     *shared.WATCH,

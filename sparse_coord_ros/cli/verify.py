@@ -70,13 +70,13 @@ def _account(found) -> Iterator[str]:
         yield "the robots have bodies: the result of each move is taken from the log"
     for stall in log.messages.stalls:
         yield (
-            f"the recorder stood still for {stall.seconds} s: messages from step "
+            f"the recorder stood still for {stall.seconds} s: messages from time step "
             f"{stall.step} on may be lost"
         )
     for back in log.messages.rollbacks:
         yield (
-            f"at step {back.until} the run went back to the checkpoint of step "
-            f"{back.step}; the steps between are not compared"
+            f"at time step {back.until} the run went back to the checkpoint of time step "
+            f"{back.step}; the time steps between are not compared"
         )
 
 

@@ -36,8 +36,9 @@ OPTIONS = (
     RATE,
     Option(
         "--step N",
-        STEP.parse,
+        STEP,
         "start a bag at this time step (default: at the end, with what was learned)",
+        {"default": None},
     ),
     Option(
         "--until-closed",

@@ -360,8 +360,8 @@ def benchmark(
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Raises:
-        SettingError: no learner; an unknown learner, list or setting; a setting that changes the
-            game.
+        SettingError: no learner; two entries of one title; an unknown learner, list or setting;
+            a setting that changes the game.
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     given = isinstance(lists, Sequence) and not isinstance(lists, str)
@@ -372,6 +372,13 @@ def benchmark(
     if not named:
         raise SettingError("benchmark: no learner is given; name one, e.g. 'factored'")
     entries = [entry_of(one, settings) for one in named]
+    titles = [entry.title for entry in entries]
+    for title in titles:
+        if titles.count(title) > 1:
+            raise SettingError(
+                f"benchmark: {title!r} is given {titles.count(title)} times, allowed: once; leave "
+                "the others out, or give each entry a title of its own in a .yaml file"
+            )
     how = {
         "engine": engine,
         "jobs": jobs,

@@ -9,6 +9,7 @@ import pytest
 
 import sparse_coord_ros
 from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, LONGEST_LINE, MapError
+from sparse_coord_ros.cli.main import main
 
 VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce")
 
@@ -122,3 +123,31 @@ def test_the_tab_key(python, tmp_path, line, answer):
         "-m", "sparse_coord_ros.executables", "sparse_coord", env=asked, cwd=tmp_path
     )
     assert (tmp_path / "said").read_text().split() == answer
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "least"),
+    [
+        (["benchmark", "coop"], "--runs", 2),
+        (["drive", "x"], "--episodes", 2),
+        (["optimum", "env1", "--class"], "--restarts", 1),
+        (["benchmark", "coop"], "--jobs", 1),
+    ],
+)
+def test_an_option_s_range_is_in_its_help_and_its_error(words, option, least, capsys):
+    assert main([*words, option, str(least - 1)]) == 2
+    allowed = f"allowed: a whole number from {least} to "
+    assert (
+        f"error: {option}: value is '{least - 1}', {allowed}" in capsys.readouterr().err
+    )
+    with pytest.raises(SystemExit):
+        main([words[0], "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"a whole number from {least} to " in said.partition(f" {option} ")[2]
+
+
+def test_a_setting_with_an_option_of_its_own_is_named_as_that(capsys):
+    assert main(["train", "env1", "--steps", "0"]) == 2
+    assert "error: --steps: value is '0', allowed: " in capsys.readouterr().err
+    assert main(["run", "env1", "--rate", "-1"]) == 2
+    assert "error: --rate: value is '-1', allowed: " in capsys.readouterr().err

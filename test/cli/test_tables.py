@@ -61,3 +61,16 @@ def test_what_cannot_be(recorded, capsys, words, said, tmp_path, monkeypatch):
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_what_is_lost_is_said(recorded, capsys):
+    bag = recorded[0]
+    last = sorted(bag.glob("*.mcap"))[-1]
+    last.write_bytes(last.read_bytes()[: last.stat().st_size // 2])
+    assert main(["tables", str(bag)]) == 0
+    *lost, found = capsys.readouterr().out.splitlines()
+    assert found == "time steps with tables of all robots: 20"
+    assert any(line.startswith(f"lost: {last.name}") for line in lost)
+    assert main(["tables", str(bag), "--json"]) == 0
+    losses = json.loads(capsys.readouterr().out)["losses"]
+    assert [f"lost: {loss}" for loss in losses] == lost

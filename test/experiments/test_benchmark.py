@@ -26,7 +26,7 @@ from sparse_coord_ros.core.solve.shipped import (
     unseen_buildings,
     yardsticks,
 )
-from sparse_coord_ros.studies.benchmark import read_entries
+from sparse_coord_ros.studies.benchmark import Entry, read_entries
 from sparse_coord_ros.studies.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.studies.checked_json import to_text
 from sparse_coord_ros.studies.condition_result import ConditionResult
@@ -435,3 +435,12 @@ def test_the_verb(tmp_path, capsys):
     out = capsys.readouterr().out
     assert {line.split()[1] for line in out.splitlines()[2:4]} == {"noncoop", "plain"}
     assert len(sc.load_leaderboard(file).places) == 2
+
+
+def test_an_entry_is_given_once():
+    once = "'coop' is given 2 times, allowed: once"
+    with pytest.raises(SettingError, match=once):
+        sc.benchmark(["coop", "factored", "coop"])
+    entries = [Entry("mine", "coop"), Entry("mine", "factored")]
+    with pytest.raises(SettingError, match="'mine' is given 2 times"):
+        sc.benchmark(entries)

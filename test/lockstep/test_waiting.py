@@ -74,12 +74,13 @@ def test_patience_without_end():
     assert watch.given_up(1e9) == ""
 
 
-def test_a_reminder_comes_every_five_seconds_of_one_wait():
+def test_reminders_of_one_wait_become_rarer():
     reminder = Reminder()
-    due = [reminder.due(now) for now in (0, 4.9, 5, 9.9, 10)]
-    assert due == [0, 0, 5, 0, 10]
+    due = [now for now in range(205) if reminder.due(now)]
+    assert due == [5, 10, 20, 40, 80, 140, 200]
+    assert reminder.due(260) == 260
     reminder.over()
-    assert [reminder.due(now) for now in (11, 15.9, 16)] == [0, 0, 5]
+    assert [reminder.due(now) for now in (261, 265.9, 266)] == [0, 0, 5]
 
 
 @pytest.mark.parametrize(

@@ -310,7 +310,7 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     )
     assert "cannot be written" in said(capsys, trained, "--out", tmp_path / "d.png")
     assert "has no bag" in said(capsys, trained, "--what", "percepts", "--out", out)
-    assert "setting dpi" in said(capsys, trained, "--dpi", "1e9", "--out", out)
+    assert "--dpi: value is" in said(capsys, trained, "--dpi", "1e9", "--out", out)
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "alone" in said(capsys, results, trained, "--out", out)
     assert not out.exists()

@@ -116,6 +116,25 @@ def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
     bench.world(out="out", set=["steps=20000"], recorded=True)
     bench.spin_until(lambda: recorder.recording is not None, "it records")
     assert "[recorder]: records env1 from now on\n" in capfd.readouterr().err
+    recorder.finish(interrupted=True)
+    assert f"closed {where}: " in capfd.readouterr().err
+
+
+def test_a_node_that_waits_for_a_world_says_how_to_start_one(
+    own_domain, capfd, monkeypatch
+):
+    monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.0)
+    with ros_context() as context:
+        node = puppet(Follower)(
+            "robot_1", PARAMETERS["robot"], context=context, values={}
+        )
+        node.tick()
+        node.tick()
+        said = capfd.readouterr().err
+        assert (
+            "waiting for a world simulator on /run (0 s); start one: ros2 run " in said
+        )
+        node.destroy_node()
 
 
 def test_a_recorder_that_goes_on_says_what_it_waits_for(

@@ -125,7 +125,7 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     tab.evaluate("document.getElementById('map').focus()")
     tab.keyboard.press("ArrowDown")
     tab.keyboard.press("ArrowRight")
-    wait_for(tab, f"document.{AGES} === 'Tables of step {wanted:,}.'")
+    wait_for(tab, f"document.{AGES} === 'Tables of time step {wanted:,}.'")
     title, *shown = wait_for(
         tab,
         "document.querySelector('#cell tr[data-robot=\"1\"] td') &&"
@@ -413,12 +413,12 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     values += ".map((one) => one.textContent)"
     tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
     said = wait_for(
-        tab, f"{values}.every((text) => text.includes(' at step ')) && {values}"
+        tab, f"{values}.every((text) => text.includes(' at time step ')) && {values}"
     )
     assert len(said) == 4
-    assert len({text.partition(" at step ")[2] for text in said}) == 1
+    assert len({text.partition(" at time step ")[2] for text in said}) == 1
     tab.hover("h1")
-    wait_for(tab, f"!{values}.some((text) => text.includes(' at step '))")
+    wait_for(tab, f"!{values}.some((text) => text.includes(' at time step '))")
     for width in (1280, 400):
         size(tab, width, 800)
         wait_for(tab, WIDE)

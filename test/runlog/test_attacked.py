@@ -157,7 +157,7 @@ def test_a_killed_robot_is_an_open_question(record, rewritten, tmp_path, capsys)
     [unknown] = verify(bag).unknown
     assert unknown.why.startswith("robot_2 saved no tables at its end")
     assert main(["verify", str(bag)]) == 3
-    assert f"undecided at step {unknown.first}: robot_2" in capsys.readouterr().out
+    assert f"undecided at time step {unknown.first}: robot_2" in capsys.readouterr().out
 
 
 def test_a_robot_may_be_killed_after_its_last_action(alter):

@@ -251,12 +251,12 @@ def test_what_is_said(chunked, flipped, capsys):
         in out
     )
     [(first, last)] = lost_parts(verify(path))
-    assert f"undecided from step {first} to step {last}: " in out
+    assert f"undecided from time step {first} to time step {last}: " in out
     assert "differs" not in out and out.endswith("all else is identical\n")
     path, block = flipped(chunked.bag, -1)
     assert main(["verify", str(path)]) == 3
     out = capsys.readouterr().out
-    assert re.search(r"undecided from step \d+ on: ", out)
+    assert re.search(r"undecided from time step \d+ on: ", out)
 
 
 def test_a_recovered_bag_has_the_same_gap(chunked, flipped):

@@ -110,7 +110,7 @@ def test_a_world_that_went_back_has_no_reward_to_say_again(good, tmp_path, later
         rolled_back(good, tmp_path / "bag", 150, after=25, again=150 + later)
     )
     due = (
-        {f"step {150 + later}, robot_{k}, local_state" for k in (1, 2)}
+        {f"time step {150 + later}, robot_{k}, local_state" for k in (1, 2)}
         if later
         else set()
     )

@@ -90,7 +90,7 @@ def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, caps
     [unknown] = returned(ALONE, other="robot_2").unknown
     assert unknown[:2] == (AT, None) and unknown.why.startswith("robot_2 returned")
     assert main(["verify", str(tmp_path / "bag")]) == 3
-    told = f"undecided from step {AT} on: robot_2 returned "
+    told = f"undecided from time step {AT} on: robot_2 returned "
     assert told in capsys.readouterr().out
 
 

@@ -53,15 +53,15 @@ def changed(good, rewritten, tmp_path):
     [
         (
             Difference(3, "robot_1", "reward", "1", "2"),
-            "step 3, robot_1, reward: logged 1, computed 2",
+            "time step 3, robot_1, reward: logged 1, computed 2",
         ),
         (
             Difference(None, None, "topic run", "twice", "once"),
             "topic run: logged twice, computed once",
         ),
-        (Unknown(4, None, "why"), "from step 4 on: why"),
-        (Unknown(4, 9, "why"), "from step 4 to step 9: why"),
-        (Unknown(4, 4, "why"), "at step 4: why"),
+        (Unknown(4, None, "why"), "from time step 4 on: why"),
+        (Unknown(4, 9, "why"), "from time step 4 to time step 9: why"),
+        (Unknown(4, 4, "why"), "at time step 4: why"),
     ],
 )
 def test_what_is_found_in_words(found, words):
@@ -84,7 +84,7 @@ def test_verify_differs(sparse_coord, changed):
     code, out, err = sparse_coord("verify", changed)
     assert (code, err) == (1, "")
     (line,) = [line for line in out.splitlines() if line.startswith("differs: ")]
-    assert line.startswith("differs: step 1, robot_1, reward: logged ")
+    assert line.startswith("differs: time step 1, robot_1, reward: logged ")
     assert ", computed " in line
     assert "identical" not in out
     code, out, _ = sparse_coord("verify", changed, "--json")
@@ -153,7 +153,7 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
     own = log.cells[row, 1]
     peer = log.cells[row, 0]
     lines = out.splitlines()
-    assert lines[0].startswith(f"step {step}: robot_2 in cell {own} [")
+    assert lines[0].startswith(f"time step {step}: robot_2 in cell {own} [")
     assert lines[1].startswith(f"  asks robot_1: answers cell {peer} [")
     assert lines[1].endswith(" ms")
     move = ("north", "south", "east", "west")[log.move[row, 1]]
@@ -192,9 +192,9 @@ def test_explain_finds_the_next_one(sparse_coord, good):
     out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
     assert (
         out[0]
-        == f"all robots: no question at step {calm}; the next is at step {following}"
+        == f"all robots: no question at time step {calm}; the next is at time step {following}"
     )
-    assert out[1].startswith(f"step {following}: ")
+    assert out[1].startswith(f"time step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out
 
@@ -227,5 +227,5 @@ def test_explain_says_how_robots_interact(sparse_coord, record):
             told += 1
             out = sparse_coord("explain", bag, "--step", step)[1]
             for sentence in sentences:
-                assert f"at the end of step {step}: {sentence}\n" in out
+                assert f"at the end of time step {step}: {sentence}\n" in out
     assert told > 0

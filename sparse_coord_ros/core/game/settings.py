@@ -62,8 +62,12 @@ class Setting:
             words, self.low if self.least is None else self.least, self.high
         )
 
-    def parse(self, value: object) -> Any:
+    def parse(self, value: object, called: str = "") -> Any:
         """Return the value in the setting's type; texts are read as on the command line.
+
+        Args:
+            value: the value.
+            called: the name in an error, such as that of an option; empty: that of the setting.
 
         Raises:
             SettingError: the value has another type or lies out of range.
@@ -79,8 +83,9 @@ class Setting:
         except (TypeError, ValueError, OverflowError, KeyError):
             fits = False
         if not fits:
+            what = called or f"setting {self.name}"
             why = f"value is {in_short(value)}, allowed: {self.allowed}"
-            raise SettingError(f"setting {self.name}: {why}")
+            raise SettingError(f"{what}: {why}")
         return parsed
 
 

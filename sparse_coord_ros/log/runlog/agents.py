@@ -244,7 +244,7 @@ class AgentCheck:
         if entry is None:
             return self._compare_map(published.grid, np.array(agent.mind.q_star))
         if entry.step > self.end:
-            return wire.TABLES.name, "there", f"the log ends at step {self.end}"
+            return wire.TABLES.name, "there", f"the log ends at time step {self.end}"
         self.compared += 1
         # The counts have bounds, and are compared separately.
         counts = {name: entry.counts.get(name, 0) for name in wire.COUNTS}

@@ -115,7 +115,7 @@ def read_tables(
             continue
         saved_step = saved.counts.get("step")
         if saved_step != step:
-            words = f"of step {saved_step}", f"of {step}"
+            words = f"of time step {saved_step}", f"of {step}"
             problems.append(Difference(step, robot, TABLES, *words))
         found.append(RecordedTables(k, step, tables, saved.counts, saved.arrays))
     return found, problems

@@ -55,7 +55,7 @@ class Difference(NamedTuple):
 
     def __str__(self) -> str:
         """Return one line."""
-        where = [] if self.step is None else [f"step {self.step}"]
+        where = [] if self.step is None else [f"time step {self.step}"]
         where += [] if self.robot is None else [self.robot]
         where.append(f"{self.quantity}: logged {self.logged}, computed {self.computed}")
         return ", ".join(where)
@@ -92,10 +92,10 @@ class Unknown(NamedTuple):
     def __str__(self) -> str:
         """Return one line."""
         if self.last is None:
-            return f"from step {self.first} on: {self.why}"
+            return f"from time step {self.first} on: {self.why}"
         if self.last == self.first:
-            return f"at step {self.first}: {self.why}"
-        return f"from step {self.first} to step {self.last}: {self.why}"
+            return f"at time step {self.first}: {self.why}"
+        return f"from time step {self.first} to time step {self.last}: {self.why}"
 
 
 def first_entry(

@@ -286,7 +286,7 @@ def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str
 
 def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of a COORDINATE: question, answer, move, update."""
-    yield f"step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
+    yield f"time step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
     if one.doubt is not None and one.q_values:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     yield from _question(log, one)
@@ -348,7 +348,7 @@ def _answer(log: RunLog, one: Coordination, request: Request) -> str:
     if step != one.step:
         said = (
             "not there yet (at" if step < one.step else "has gone on (to"
-        ) + f" step {step})"
+        ) + f" time step {step})"
     elif position is None:
         said = "refused"
     elif (cell := log.frame.cell(*position)) is None:

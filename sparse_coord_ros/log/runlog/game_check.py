@@ -317,7 +317,9 @@ class WorldCheck:
             logged = MISSING if end is None else repr(end.state)
             yield self.difference(*status, logged, "the end of the run")
         elif end.step != world.step:
-            yield self.difference(*status, f"step {end.step}", "the last step")
+            yield self.difference(
+                *status, f"time step {end.step}", "the last time step"
+            )
         elif (end.state == wire.RunState.FINISHED) != (left == 0):
             yield self.difference(
                 *status, repr(end.state), f"{left} steps of the budget left"

@@ -348,7 +348,7 @@ class RunMessages:
             last = int(newest[place])
             mine = rows[place_of[step]]
             if counts:
-                words = f"after that of step {last}", "before it"
+                words = f"after that of time step {last}", "before it"
                 self.problems.append(self.difference(step, k, topic.name, *words))
             elif rows[place].tobytes() != mine.tobytes():
                 others.setdefault(step, []).append(rows[place])
@@ -356,7 +356,7 @@ class RunMessages:
                 words = f"twice, with {both}", "once"
                 self.foreign.append(self.difference(step, k, topic.name, *words))
             elif step < last:
-                words = f"again after that of step {last}", "once"
+                words = f"again after that of time step {last}", "once"
                 self.foreign.append(self.difference(step, k, topic.name, *words))
             else:
                 repeats.append(step)
@@ -415,7 +415,7 @@ class RunMessages:
         """Return the time steps and rows of a topic with several messages a time step."""
         steps, rows = self._rows(topic, k)
         for place in np.flatnonzero(np.diff(steps) < 0).tolist():
-            words = f"after that of step {steps[place]}", "before it"
+            words = f"after that of time step {steps[place]}", "before it"
             self.problems.append(
                 self.difference(int(steps[place + 1]), k, topic.name, *words)
             )

@@ -12,7 +12,10 @@ SILENT_SECONDS = 3.0
 """After so long without a status the world counts as silent; it publishes one every second."""
 
 REMIND_SECONDS = 5.0
-"""Between two reminders of a wait."""
+"""Until the first reminder of a wait; each further one comes after twice the time of the wait."""
+
+LONGEST_BETWEEN_REMINDERS = 60.0
+"""Seconds between two reminders at most."""
 
 
 REPEAT_SECONDS = 0.5
@@ -61,20 +64,22 @@ class Silence:
 
 
 class Reminder:
-    """Times of reminders while a node waits: every `REMIND_SECONDS`."""
+    """Times of reminders while a node waits, at growing intervals: 5, 10, 20, 40, 80, 140 s."""
 
     def __init__(self) -> None:
         self._since: float | None = None
-        self._said = 0.0
+        self._next = 0.0
 
     def due(self, now: float) -> float:
         """Return the seconds of waiting so far if a reminder is due, else 0."""
         if self._since is None:
-            self._since = self._said = now
-        if now - self._said < REMIND_SECONDS:
+            self._since = now
+            self._next = REMIND_SECONDS
+        waited = now - self._since
+        if waited < self._next:
             return 0.0
-        self._said = now
-        return now - self._since
+        self._next = waited + min(waited, LONGEST_BETWEEN_REMINDERS)
+        return waited
 
     def over(self) -> None:
         """The wait is over."""

@@ -21,6 +21,9 @@ from sparse_coord_ros.ros.nodes.parameters import NodePlace, ParameterNode
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
+START_A_WORLD = (
+    "start one: ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+)
 STOP_SECONDS = 1.0
 """How long a node that gets a signal waits for the world's last status: both may get it."""
 
@@ -82,12 +85,11 @@ class Follower(ParameterNode):
         """
         topic = self.resolve_topic_name(ros_topics.RUN.name)
         limit = self.values["startup_timeout"]
-        self.remind(self.reminder, f"a world simulator on {topic}")
+        self.remind(self.reminder, f"a world simulator on {topic}", START_A_WORLD)
         if 0 < limit < time.monotonic() - self.born:
             raise RunError(
                 f"startup_timeout: node {self.get_name()} found no world simulator on {topic} "
-                f"within {limit:g} s; start one: "
-                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+                f"within {limit:g} s; {START_A_WORLD}"
             )
 
     def check(self, run: RunConfig) -> None:

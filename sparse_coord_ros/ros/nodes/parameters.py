@@ -276,11 +276,12 @@ class ParameterNode(Node):
 
         self.create_service(message_class(service.type_name), service.of("~"), answer)
 
-    def remind(self, reminder: Reminder, for_whom: str) -> None:
-        """Log the awaited nodes every few seconds."""
+    def remind(self, reminder: Reminder, for_whom: str, remedy: str = "") -> None:
+        """Log the awaited nodes, and what to do, at growing intervals."""
         waited = reminder.due(time.monotonic())
         if waited:
-            self.get_logger().info(f"waiting for {for_whom} ({waited:.0f} s)")
+            advice = f"; {remedy}" if remedy else ""
+            self.get_logger().info(f"waiting for {for_whom} ({waited:.0f} s){advice}")
 
     def finish(self, *, interrupted: bool) -> None:
         """Save, and send the last messages, while ROS still works.

@@ -454,8 +454,9 @@ class Recorder(Follower):
             self.error = error
             self.get_logger().error(str(error))
             return
+        where = self.directory.absolute()
         self.get_logger().info(
-            f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"
+            f"closed {where}: {bag.message_count} messages, {bag.bytes_written} bytes"
         )
 
 

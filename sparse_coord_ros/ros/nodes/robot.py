@@ -343,7 +343,7 @@ class Member:
             self._save_checkpoint()
         path = self._save()
         if path is not None:
-            self._node.get_logger().info(f"saved {path}")
+            self._node.get_logger().info(f"saved its tables in {path.parent}")
         if self.exchange is not None and self._finished and not interrupted:
             self._improve()
         self.report()

@@ -313,7 +313,8 @@ class WatchNode(Follower):
             where = self.resolve_topic_name(ros_topics.RUN.name)
             board.put(
                 "notice",
-                text=f"waiting for a team: no world simulator is on {where} yet",
+                text=f"waiting for a team: no world simulator is on {where} yet; "
+                "start one: sparse_coord run env1",
             )
 
     def begin(self, run: RunConfig) -> None:

@@ -599,4 +599,6 @@ def since_in_words(name: str, first: int, since: int | None) -> str:
         return f"By its newest tables {name} would not ask there."
     if since == first:
         return f"By its tables {name} would have asked there from the start."
-    return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
+    return (
+        f"{name} learned to ask there at about time step {float(f'{since:.3g}'):,.0f}."
+    )

@@ -399,8 +399,8 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert player.do(JUMP, LEARNED_EPISODE)["step"] == said["first"]
     player.source.read_through()
     line = player.board.get("learned")["lines"][1]
-    assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
-    since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
+    assert line.startswith(f"robot_{k + 1} learned to ask there at about time step ")
+    since = int(re.search(r"at about time step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.messages.coordination_maps[k]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
     asks = (
@@ -512,7 +512,7 @@ def test_since_when_a_robot_would_ask_is_told():
     assert told == [
         "By its newest tables robot_1 would not ask there.",
         "By its tables robot_1 would have asked there from the start.",
-        "robot_1 learned to ask there at about step 10,900.",
+        "robot_1 learned to ask there at about time step 10,900.",
     ]
 
 

@@ -104,6 +104,6 @@ export class Chart {
     this.picture.append(svg("path", { class: "pointed", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}` }));
     found.forEach((value, i) => value !== null && this.picture.append(
       svg("circle", { class: "pointed", cx: this.x(this.lines[i].steps[places[i]]), cy: this.y(value), r: 3 })));
-    this.value.textContent = `${this.named(found)} at step ${short(Math.round(step))}`;
+    this.value.textContent = `${this.named(found)} at time step ${short(Math.round(step))}`;
   }
 }

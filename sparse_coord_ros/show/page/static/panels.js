@@ -46,13 +46,13 @@ export function agesPanel(run, tables, frame) {
     if (!own) return "not known";
     if (own.step === null) return "at the end of learning";
     const age = frame ? frame.step - own.step : 0;
-    return age > 0 ? `of step ${number(own.step)}, ${number(age)} ago` : `of step ${number(own.step)}`;
+    return age > 0 ? `of time step ${number(own.step)}, ${number(age)} ago` : `of time step ${number(own.step)}`;
   });
   const same = new Set(ages).size === 1;
   const words = same ? ages[0] : ages.map((age, k) => `${run.robots[k].name}: ${age}`).join("; ");
   const lines = ages.length ? [`Tables ${words}.`] : [];
   if (frame?.counted_to < frame?.step) {
-    lines.push(`Episodes and questions are counted up to step ${number(Math.max(0, frame.counted_to))}.`);
+    lines.push(`Episodes and questions are counted up to time step ${number(Math.max(0, frame.counted_to))}.`);
   }
   $("ages").textContent = lines.join(" ");
 }
@@ -70,13 +70,13 @@ export function learnedPanel(learned, jump) {
 export function dialoguePanel(run, { entries = [], since = null }) {
   $("silence").hidden = entries.length > 0;
   const shown = run.source === "bag" ? "" : " shown"; // a live page shows some of them
-  $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since step ${number(since)}.`;
+  $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since time step ${number(since)}.`;
   const opened = new Set([...$("dialogue").children].filter((item) => item.querySelector("details").open).map((item) => item.dataset.key));
   $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
     mark.style.color = tinted(colour);
-    const item = html("li", {}, mark, html("span", { className: "at" }, `step ${entry.step}: `), entry.text,
+    const item = html("li", {}, mark, html("span", { className: "at" }, `time step ${entry.step}: `), entry.text,
       html("details", { open: opened.has(`${entry.step} ${entry.robot}`) }, html("summary", {}, "details"), entry.lines.join("; ")));
     item.dataset.key = `${entry.step} ${entry.robot}`;
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
@@ -112,5 +112,5 @@ export function evaluationPanel(run, e) {
     row("td", ["questions of a robot", pair(e.asks)]),
     row("td", ["all arrive", e.all_arrived]),
     html("caption", {}, e.last_word));
-  $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of step ${number(e.step)}`;
+  $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of time step ${number(e.step)}`;
 }
