@@ -42,7 +42,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 
 SECONDS = 5.0
 """Of one case, of the processor's time."""
-HANG_SECONDS = 5 * PATIENCE_SECONDS
+HANG_SECONDS = 2 * PATIENCE_SECONDS
 """Of one case, by the clock: after so long it waits for something that never comes. The first one
 also takes what is imported and compiled, at a small share of a busy machine's processors."""
 MEGABYTES = 1000
