@@ -53,6 +53,12 @@ def wait_for(tab: "Page", expression: str, seconds: float = PATIENCE_SECONDS) ->
     return found.json_value()
 
 
+def visit(tab: "Page", address: str) -> None:
+    """Go to a page of ours, and wait until it takes clicks and keys."""
+    tab.goto(address)
+    wait_for(tab, "document.getElementById('bar').disabled === false")
+
+
 def size(tab: "Page", width: int, height: int) -> None:
     """Set the size of the window."""
     tab.set_viewport_size({"width": width, "height": height})

@@ -31,6 +31,7 @@ from typing import NamedTuple
 
 import strangers
 from live_teams import command, node_words, odd_counts, same_tables
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.cli.live import sole_team
@@ -42,8 +43,8 @@ ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)
 RATE = 150.0
 """Time steps a second: so that what is to happen at a step does so near it."""
-START_SECONDS = 60.0
-LIMIT_SECONDS = 90.0
+START_SECONDS = PATIENCE_SECONDS
+LIMIT_SECONDS = PATIENCE_SECONDS
 """A team that has not ended so long after its last fault never will."""
 
 KILL = "killed"

@@ -17,6 +17,7 @@ import pytest
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
+from patience import PATIENCE_SECONDS
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.base.errors import BagError, SparseCoordError
@@ -185,7 +186,7 @@ def test_doctor_finds_nothing(tmp_path, samples):
         [doctor, "doctor", "--format", "jsonl", directory / "run_0.mcap"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE_SECONDS,
     )
     assert done.returncode == 0, done.stdout
     found = [json.loads(line) for line in done.stdout.splitlines()]

@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_SECONDS
 from PIL import Image
 
 from sparse_coord_ros.cli.main import main
@@ -176,7 +177,7 @@ def together(commands, shell):
         for process in processes:
             _stop(process, signal.SIGINT)
         for command, process in zip(commands, processes, strict=True):
-            output, _ = process.communicate(timeout=30)
+            output, _ = process.communicate(timeout=PATIENCE_SECONDS)
             assert process.returncode == 0, f"{command}\n{output}"
     finally:
         for process in processes:

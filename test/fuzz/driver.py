@@ -14,6 +14,7 @@ case is computed in a child process, which a case may kill. Exit code 1 where th
 import argparse
 import gc
 import json
+import math
 import os
 import random
 import resource
@@ -31,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from live_teams import command
+from patience import PATIENCE_SECONDS
 
 from fuzz.targets import TARGETS
 from sparse_coord_ros.base.errors import LONGEST_LINE, FaultError, SparseCoordError
@@ -40,8 +42,9 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 
 SECONDS = 5.0
 """Of one case, of the processor's time."""
-HANG_SECONDS = 120.0
-"""Of one case, by the clock: after so long it waits for something."""
+HANG_SECONDS = 2 * PATIENCE_SECONDS
+"""Of one case, by the clock: after so long it waits for something that never comes. The first one
+also takes what is imported and compiled, at a small share of a busy machine's processors."""
 MEGABYTES = 1000
 """That a case may take on top of what the process has; an image of 25 million pixels takes 800."""
 MOST = 100
@@ -166,12 +169,15 @@ def fuzz(
     name: str,
     sample: Path,
     *,
-    seconds: float,
+    seconds: float = math.inf,
     seed: int = 0,
     first: int = 0,
     last: int = 1 << 60,
 ) -> tuple[Counter[str], list[Finding]]:
-    """Compute cases of a target; return how often they came to what, and the findings."""
+    """Compute cases of a target; return how often they came to what, and the findings.
+
+    They end after so many seconds, after the last case, or after `MOST` findings.
+    """
     came: Counter[str] = Counter()
     findings: list[Finding] = []
     case = first

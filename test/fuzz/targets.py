@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from domains import ros_domain
+from patience import PATIENCE_SECONDS
 from strangers import FAR, damaged, message_with
 from teams import tables_in
 
@@ -421,6 +423,7 @@ class Nodes:
         from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
         self._stack = ExitStack()
+        os.environ["ROS_DOMAIN_ID"] = str(self._stack.enter_context(ros_domain()))
         context: Any = self._stack.enter_context(ros_context())
         self._executor = make_executor("events", context)
         free: dict[str, Any] = {"claim_window": 0.0, "startup_timeout": 0.0}
@@ -452,7 +455,7 @@ class Nodes:
         self.all = [*self.under_way, *self.waiting]
         for node in self.all:
             self._executor.add_node(node)
-        end = time.monotonic() + 30
+        end = time.monotonic() + PATIENCE_SECONDS
         while not self.world.lockstep.complete and time.monotonic() < end:
             self._spin(1)
         assert self.world.lockstep.complete, "the team does not begin"
@@ -501,7 +504,6 @@ def of_nodes(*, services: bool) -> Target:
         from rclpy.serialization import serialize_message
         from std_msgs.msg import String
 
-        os.environ["ROS_DOMAIN_ID"] = str(random.Random().randrange(1, 100))
         os.environ["ROS_LOG_DIR"] = str(sample / "log")
         scratch = sample / f"scratch_{os.getpid()}"
         scratch.mkdir()

@@ -69,6 +69,13 @@ SAY_AGAIN_SECONDS = 0.1
 """Between two repeats of an observer's message."""
 
 
+PATIENT = {
+    "step_timeout": PATIENCE_SECONDS,
+    "percept_timeout": PATIENCE_SECONDS / 2,
+}
+"""Of a run."""
+
+
 class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
 
@@ -114,8 +121,13 @@ class Bench:
         self._places.clear()
 
     def world(self, *, namespace: str = "", **values) -> WorldSimulator:
-        """Start a world simulator; env1 without claim window unless `values` say otherwise."""
+        """Start a world simulator; env1 without claim window unless `values` say otherwise.
+
+        A new run is patient: on a busy machine no question fails, and no robot is left out.
+        """
         values = {"scenario": "env1", "claim_window": 0.0, **values}
+        if not values.get("resume"):
+            values = {**PATIENT, **values}
         context = self.place()[0]
         return self.add(
             WorldSimulator(context=context, namespace=namespace, values=values)

@@ -477,7 +477,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
         driver.tick()
         return heard
 
-    bench.spin_until(reported, "it is reported", seconds=20.0)
+    bench.spin_until(reported, "it is reported")
     driver.destroy_node()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.cli.main import main
@@ -48,10 +49,10 @@ def example(monkeypatch):
 @pytest.fixture
 def judged(bench, monkeypatch):
     """Return a function that judges a robot of this process; it returns the world."""
-    monkeypatch.setattr(conformance, "START_SECONDS", 1.5)
 
-    def judge(kind, *, quiet=0.1, **more):
+    def judge(kind, *, quiet=0.1, start=PATIENCE_SECONDS, **more):
         monkeypatch.setattr(conformance, "QUIET_SECONDS", quiet)
+        monkeypatch.setattr(conformance, "START_SECONDS", start)
         context, executor = bench.place()
         if kind is not None:
             bench.add(kind(context=context, cli_args=NAME))
@@ -141,7 +142,8 @@ def test_who_breaks_an_obligation_is_told_which(
     judged, example, what, robot, before, after
 ):
     broken = example(robot, **{robot: [(before, after)]})
-    scripted = judged(broken, quiet=conformance.QUIET_SECONDS)
+    start = 1.5 if what == "begins" else PATIENCE_SECONDS
+    scripted = judged(broken, quiet=conformance.QUIET_SECONDS, start=start)
     assert what in scripted.broken, scripted.broken
     place, text, _ = OBLIGATIONS[what]
     [line] = [str(one) for one in scripted.judged() if one.name == what]

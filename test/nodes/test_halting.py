@@ -8,7 +8,7 @@ import signal
 import time
 
 import pytest
-from browser import open_tab, wait_for
+from browser import open_tab, visit, wait_for
 from geometry_msgs.msg import Twist
 from patience import PATIENCE_SECONDS
 from sensor_msgs.msg import JointState
@@ -403,8 +403,9 @@ def test_the_buttons_of_the_page(processes, start):
     state = "document.getElementById('state').dataset.state"
     press = "document.getElementById('{}').click()"
     seen = "document.getElementById('{}').getClientRects().length > 0"
+    address = re.search(r"watch it at (http\S+)", page.output)[1]
     with open_tab() as tab:
-        tab.goto(re.search(r"watch it at (http\S+)", page.output)[1])
+        visit(tab, address)
         wait_for(tab, seen.format("halt"))
         assert not tab.evaluate(seen.format("go-on"))
         for _ in range(2):
@@ -414,7 +415,7 @@ def test_the_buttons_of_the_page(processes, start):
         wait_for(tab, f"{said} === 'all robots stand'")
         for robot in ROBOTS:
             processes[f"{robot}_driver"].wait_for(f"the body of {robot} stops")
-        tab.goto(re.search(r"watch it at (http\S+)", page.output)[1])
+        visit(tab, address)
         wait_for(tab, f"{state} === 'halted' && {seen.format('go-on')}")
         tab.evaluate(press.format("go-on"))
         wait_for(tab, f"{state} === 'learning'")

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
+from patience import PATIENCE_SECONDS
 from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
@@ -241,12 +242,13 @@ def test_a_closed_terminal_stops_a_node_but_not_one_under_nohup():
 
 def test_a_node_that_cannot_be_taken_down_ends_with_a_word():
     code = f"import ctypes, {spin.__name__} as spin; spin.SHUTDOWN_SECONDS = 0.1\n"
-    hangs = (
-        "ctypes.PyDLL(None).sleep(9)"  # as rclpy does: nothing of Python runs meanwhile
-    )
+    hangs = "ctypes.PyDLL(None).sleep(3600)"  # as rclpy does: nothing of Python runs meanwhile
     code += f"with spin.limited_shutdown(): {hangs}"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_SECONDS,
     )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("Timeout") and "in <module>" in done.stderr

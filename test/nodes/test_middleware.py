@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.base.share import share_folder
 from sparse_coord_ros.ros.nodes.environment import PROFILES, one_host, repair_promptly
@@ -46,7 +47,7 @@ with ros_context() as context:
         Int32, "numbers", lambda message: heard.append(message.data), STEP_QOS
     )
     time.sleep(0.3)  # what a reader misses in its first 70 ms is sent again
-    deadline = time.monotonic() + 2.0
+    deadline = time.monotonic() + {seconds}
     publisher.publish(Int32(data=-1))
     while not heard and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.05)
@@ -108,7 +109,8 @@ def test_a_reader_that_begins_late_hears_a_writer_of_its_process(
 ) -> None:
     """By default Fast DDS rejects a reader's first message after more than 5000 messages."""
     monkeypatch.setenv(PROFILES, str(share_folder("config") / profiles))
-    done = python("-c", LATE_READER.format(before=5001))
+    script = LATE_READER.format(before=5001, seconds=PATIENCE_SECONDS / 2)
+    done = python("-c", script)
     assert done.stdout == "[-1]\n"
 
 

@@ -14,21 +14,29 @@ from pathlib import Path
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from patience import PATIENCE_SECONDS
 from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
+from sparse_coord_ros.lab.driving import navigator
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.log.runlog.verify import verify
+from sparse_coord_ros.ros.nodes import nav2_driver, nav2_stand_in
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.nav2_stand_in import SIMULATION_SECONDS
 from sparse_coord_ros.ros.nodes.outputs import gather
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
 
 ROBOTS = ("robot_1", "robot_2")
-STEP_SECONDS = 8.0
+NEVER = 0.0
+PATIENT = {
+    "step_seconds": PATIENCE_SECONDS,
+    "feedback_timeout": NEVER,
+    "pose_timeout": NEVER,
+}
+"""Limits of a driver that give up no move of a robot on a busy machine."""
 
 SPEED = 20.0
 AT_FIRST = "0.5,0.5"
@@ -62,7 +70,7 @@ def start_team(types, bench, tmp_path):
             server = bench.add(
                 Nav2StandIn(context=bench.place("nav2")[0], values=values), "nav2"
             )
-        given = {"scenario": scenario, "out": str(out), "seed": 7, "step_timeout": 60.0}
+        given = {"scenario": scenario, "out": str(out), "seed": 7}
         given |= {"set": [f"steps={steps}"], **(world or {})}
         if recorder:
             given["recorded"] = True
@@ -80,11 +88,25 @@ def make_driver(bench, robot, **values):
     """Start the driver of a robot."""
     from sparse_coord_ros.ros.nodes.nav2_driver import Nav2DriverNode
 
-    values = {"robot": robot, "step_seconds": STEP_SECONDS, **values}
+    values = {"robot": robot, **PATIENT, **values}
     context = bench.place()[0]
     return bench.add(
         Nav2DriverNode(context=context, name=f"{robot}_driver", values=values)
     )
+
+
+@pytest.fixture
+def late_answers(monkeypatch):
+    """Let servers answer late, as they do on a busy machine."""
+    for module in (navigator, nav2_driver):
+        monkeypatch.setattr(module, "ANSWER_SECONDS", PATIENCE_SECONDS)
+
+
+@pytest.fixture(autouse=True)
+def busy_machine(monkeypatch):
+    """Let poses come late, and no more often than one thread can take them in."""
+    monkeypatch.setattr(navigator, "SETTLE_SECONDS", PATIENCE_SECONDS)
+    monkeypatch.setattr(nav2_stand_in, "SIMULATION_SECONDS", 0.1)
 
 
 def spin_for(bench, seconds):
@@ -104,7 +126,15 @@ def moved(world, count):
     [("env1", ROBOTS, 40), ("env2-4r", tuple(f"robot_{k}" for k in (1, 2, 3, 4)), 20)],
 )
 def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
-    start_team, bench, tmp_path, simulate, assert_same_tables, scenario, names, steps
+    start_team,
+    bench,
+    tmp_path,
+    simulate,
+    assert_same_tables,
+    late_answers,
+    scenario,
+    names,
+    steps,
 ):
     world, drivers, server = start_team(
         names, steps=steps, scenario=scenario, recorder=True
@@ -131,7 +161,7 @@ class Together:
         self._world = world
         self._server = server
         self._metric_map = MetricMap(world.run, 0.0)
-        server.create_timer(SIMULATION_SECONDS, self._look)
+        server.create_timer(nav2_stand_in.SIMULATION_SECONDS, self._look)
 
     def _look(self):
         doorways = self._world.run.scenario.map.doorways
@@ -150,7 +180,7 @@ class Together:
     [("env1", ["penalty=-100", "steps=100000"], 400), ("office", [], 250)],
 )
 def test_what_was_learned_in_simulation_nav2_drives(
-    start_team, bench, tmp_path, capfd, name, training, driving
+    start_team, bench, tmp_path, capfd, late_answers, name, training, driving
 ):
     scenario = name
     if name == "office":
@@ -170,12 +200,10 @@ def test_what_was_learned_in_simulation_nav2_drives(
         "starts=fixed",
     ]
     values = {"greedy": True, "tables": str(learned), "set": sets}
-    world, drivers, server = start_team(
-        scenario=scenario, recorder=True, world=values, step_seconds=50.0
-    )
+    world, drivers, server = start_team(scenario=scenario, recorder=True, world=values)
     together = Together(world, server)
     begun = time.monotonic()
-    bench.spin_until(lambda: world.done, "the run's end", seconds=400)
+    bench.spin_until(lambda: world.done, "the run's end", seconds=1500)
     seconds = time.monotonic() - begun
     bench.spin_until_done(but=server)
     game = world.lockstep.world
@@ -191,28 +219,30 @@ def test_what_was_learned_in_simulation_nav2_drives(
     assert found.same
     history = world.lockstep.history.history()
     assert history.arrived[:-1].all(), "whoever began an episode arrived"
-    failed = world.summary()["moves_failed"]
-    assert counts["arrived"] > 0.9 * counts.total(), (
-        "the others: a busy machine answers late"
-    )
-    assert game.miscoordinations <= at_once <= game.miscoordinations + 2 + failed
+    assert world.summary()["moves_failed"] == 0
+    assert set(counts) == {"arrived"}
+    assert game.miscoordinations <= at_once <= game.miscoordinations + 2
 
 
 def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
-    start_team, bench, tmp_path, simulate, assert_same_tables
+    start_team, bench, tmp_path, simulate, assert_same_tables, late_answers
 ):
     """Robots of unequal speed, without exploring; the world's deadlines are those of robots."""
     observer = bench.observer()
     steps = 6
     said = {"epsilon": "constant:0", "starts": "fixed"}
     sets = [f"steps={steps}", *(f"{name}={value}" for name, value in said.items())]
-    values = {"step_timeout": 2.0, "percept_timeout": 1.0, "rate": 0.5}
+    step_timeout = 8.0
+    values = {"step_timeout": step_timeout, "percept_timeout": 4.0, "rate": 0.5}
     world, drivers, server = start_team(world={"set": sets, "checkpoint": 2, **values})
     bench.spin_until(moved(world, 1), "under way")
-    server.bases["robot_1"].speed = 0.2
+    slow = server.bases["robot_1"]
+    slow.speed = 0.1
     begun = time.monotonic()
-    bench.spin_until(moved(world, 4), "slowly")
-    assert time.monotonic() - begun > 5.0
+    bench.spin_until(moved(world, 3), "slowly")
+    assert time.monotonic() - begun > step_timeout
+    slow.speed = 2.0
+    bench.spin_until(moved(world, 4), "not as quickly as the other one")
     bench.destroy(world)
     bench.spin_until(
         lambda: not observer.count("world_simulator/_claim"), "its name is free"
@@ -230,23 +260,23 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
 
 
 @pytest.mark.parametrize(
-    ("fault", "kind", "stays"),
+    ("fault", "kind", "stays", "limit"),
     [
-        ("abort", "aborted", True),
-        ("lie", "not there", True),
-        ("detour", "detours", True),
-        ("silent", "silent", True),
-        ("stuck", "out of time", True),
-        ("take_away", "aborted", True),
-        ("reject", "rejected", False),
-        ("late", "late acceptances", False),
-        ("deaf", "unanswered", False),
+        ("abort", "aborted", True, {}),
+        ("lie", "not there", True, {}),
+        ("detour", "detours", True, {}),
+        ("silent", "silent", True, {"feedback_timeout": 1.0}),
+        ("stuck", "out of time", True, {"step_seconds": 8.0}),
+        ("take_away", "aborted", True, {}),
+        ("reject", "rejected", False, {}),
+        ("late", "late acceptances", False, {}),
+        ("deaf", "unanswered", False, {}),
     ],
 )
 def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
-    start_team, bench, capfd, fault, kind, stays
+    start_team, bench, capfd, fault, kind, stays, limit
 ):
-    world, drivers, server = start_team()
+    world, drivers, server = start_team(**limit)
     bench.spin_until(moved(world, 2), "under way")
     robot = server.bases["robot_1"]
     driver = drivers[0]
@@ -265,14 +295,12 @@ def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
 
 def test_a_killed_server_and_one_that_comes_back(start_team, serve, bench):
     process = serve(*ROBOTS)
-    world, drivers, _ = start_team(served=False)
+    world, drivers, _ = start_team(served=False, pose_timeout=1.0)
     bench.spin_until(moved(world, 2), "under way")
     process.send_signal(signal.SIGKILL)
     process.exit_code()
     bench.spin_until(
-        lambda: any(one.navigator.counts["poses lost"] for one in drivers),
-        "lost",
-        seconds=30,
+        lambda: any(one.navigator.counts["poses lost"] for one in drivers), "lost"
     )
     serve(*ROBOTS)
     made = world.lockstep.world.transitions
@@ -329,10 +357,10 @@ def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     """A killed one stays in the graph for a while."""
     second = serve_twice("robot_2")
     world, [driver], server = start_team(driven=ROBOTS[:1])
+    bench.spin_until(lambda: driver.on_duty, "on duty")
     process = start_driver("robot_2")
     waits = "waiting for a single server: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
     bench.spin_until(lambda: waits + NAMES in process.output, "it says why")
-    bench.spin_until(lambda: driver.on_duty, "on duty")
     assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
     second.send_signal(signal.SIGINT)
     bench.spin_until(moved(world, 2), "one is left: it goes on")
@@ -386,7 +414,6 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
             one.fault == "stuck" and one.active for one in server.bases.values()
         ),
         "stuck",
-        seconds=60,
     )
     observer = bench.observer()
     hold = SetBool.Request(data=True)
@@ -404,7 +431,6 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
     bench.spin_until(
         lambda: observer.call(SetBool, asked, hold).success and not server.driving,
         "cancelled, too",
-        seconds=20,
     )
     goals = [robot.goals for robot in server.bases.values()]
     spin_for(bench, 1.0)
@@ -426,7 +452,7 @@ def test_a_killed_driver_s_goal_ends_when_it_is_started_again(
         return start_node(
             *("nav2_driver", "robot_1_driver"),
             robot="robot_1",
-            step_seconds=STEP_SECONDS,
+            **PATIENT,
         )
 
     process = drive()
@@ -505,6 +531,7 @@ def test_with_transforms_for_poses_the_same_bits(
     bench.robots(out=str(out), namespace="fleet")
     for name in ROBOTS:
         values = {"robot": name, "pose_type": "tf", "speed": 2.0, "turn": 6.0}
+        values["pose_timeout"] = NEVER
         bench.add(DriverNode(name=f"{name}_driver", values=values, **place))
     bench.add(BodyNode(values={}, **place))
     transforms = bench.observer().listen(TFMessage, "/fleet/tf")

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 from live_teams import child_of
+from patience import PATIENCE_SECONDS
 from teams import tables_in
 
 import sparse_coord_ros
@@ -54,7 +55,7 @@ def transitions_told(process):
 
 def assert_ends(pid_file_descriptor):
     """Check that a process that is no child of the test's ends soon."""
-    ended, _, _ = select.select([pid_file_descriptor], [], [], 10.0)
+    ended, _, _ = select.select([pid_file_descriptor], [], [], PATIENCE_SECONDS)
     assert ended, "it goes on"
 
 
@@ -73,9 +74,9 @@ def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp
     process = start("cli.main", "run", "env1", "--rate", "20", "--out", str(out))
     process.wait_for(" of 10000 steps, ")
     first = transitions_told(process)[0]
-    told = time.monotonic()
+    deadline = time.monotonic() + PATIENCE_SECONDS
     while last_step(out / "bag") < first:
-        assert time.monotonic() < told + 3.0, "what was told is not flushed"
+        assert time.monotonic() < deadline, "what was told is not flushed"
         time.sleep(0.05)
     writer = os.pidfd_open(child_of(process.pid, WRITER))
     try:

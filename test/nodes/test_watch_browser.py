@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import open_tab, size, wait_for
+from browser import open_tab, size, visit, wait_for
 from floor_plans import write
 from PIL import Image
 from teams import tables_in
@@ -79,7 +79,7 @@ def cells(tab):
 def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     log = read_run(bag)
     process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "20")
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, f"{STEP} > 20")
     wait_for(tab, "document.querySelector('#map .ask')")  # drawn while it plays
     tab.keyboard.press("Space")
@@ -156,7 +156,7 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
     process = start(
         "cli.main", "watch", str(bag), "--port", "0", "--rate", "300", "--step", "1"
     )
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     longest = "Math.max(...[...document.querySelectorAll('.trail')].map((t) => t.points.length))"
     wait_for(tab, f"{STEP} > 0 && document.querySelector('.trail')")
     steps = set()
@@ -263,12 +263,10 @@ def test_a_bag_opens_on_what_was_learned_and_keys_lead_on(tab, start, learned, s
     tab.emulate_media(color_scheme=scheme)
     process = start("cli.main", "watch", str(learned), "--port", "0")
     size(tab, 1280, 900)
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     said = "document.getElementById('learned').innerText"
     wait_for(
-        tab,
-        f"{said}.includes('asks before the doorway') && {said}.includes('about')",
-        10,
+        tab, f"{said}.includes('asks before the doorway') && {said}.includes('about')"
     )
     wait_for(tab, "document.querySelectorAll('.trail[points*=\" \"]').length === 2")
     assert tab.evaluate("document.querySelectorAll('.arrow.pale').length") > 0
@@ -355,9 +353,9 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
         "--out",
         str(out),
     )
-    tab.goto(address_of(process))
-    wait_for(tab, "!document.getElementById('evaluation-panel').hidden", 90)
-    assert tab.evaluate(STATE) == "finished"
+    visit(tab, address_of(process))
+    wait_for(tab, "!document.getElementById('evaluation-panel').hidden")
+    wait_for(tab, f"{STATE} === 'finished'")
     wait_for(tab, f"document.{AGES} === 'Tables at the end of learning.'")
     assert tab.evaluate("document.getElementById('speed').textContent") == "0"
     due = [f"{value:.2f}" for value in tables_in(out)[0].q_star[0]]
@@ -368,9 +366,9 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     shown = "document.querySelectorAll('#map rect[fill-opacity]').length"
     assert tab.evaluate(shown) >= cells > 5
     again = start("cli.main", "watch", str(out), "--port", "0")
-    tab.goto(address_of(again))
+    visit(tab, address_of(again))
     wait_for(tab, f"{STATE} === 'acting greedily' && {STEP} > 2")
-    assert tab.evaluate("document.getElementById('speed').textContent") == "2"
+    wait_for(tab, "document.getElementById('speed').textContent === '2'")
     assert tab.evaluate(STEP) < 40, "it is a step of the episode"
     assert tab.evaluate(
         "document.getElementById('transitions').textContent"
@@ -385,7 +383,7 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
 
 def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     process = start("cli.main", "watch", str(learned), str(bag), "--port", "0")
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     titles = (
         "[...document.querySelectorAll('.column h2')].map((one) => one.textContent)"
     )
@@ -394,8 +392,9 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     assert shown[0].startswith("Athe paper's learner") and "penalty=-100" in shown[0]
     assert shown[1].startswith("B")
     state = "document.getElementById('state').textContent"
-    tab.evaluate("document.getElementById('pause').click()")
+    click(tab, "pause")
     wait_for(tab, f"{state} === 'paused'")
+    wait_for(tab, "document.getElementById('headline').textContent.includes('earns')")
     wait_for(
         tab, "document.querySelectorAll('.robot[visibility=visible]').length === 4"
     )
@@ -483,7 +482,7 @@ def test_a_team_is_watched_from_its_first_step(tab, start, tmp_path, robots):
     )
     out = ("--set", "max_steps=40", "--out", str(tmp_path / "run"))
     process = start("cli.main", "run", f"crowd-{robots}r", *options, *out)
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, f"{STEP} >= 1")
     wait_for(tab, "Number(document.getElementById('episodes').textContent) > 1")
     wait_for(tab, "document.querySelector('.curve')")
@@ -491,9 +490,9 @@ def test_a_team_is_watched_from_its_first_step(tab, start, tmp_path, robots):
 
 def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     out = tmp_path / "run"
-    options = ("--steps", "9000", "--rate", "300", "--penalty", "-100", "--port", "0")
+    options = ("--steps", "9000", "--rate", "100", "--penalty", "-100", "--port", "0")
     process = start("cli.main", "run", "env1", *options, "--watch", "--out", str(out))
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, f"{STEP} > 10 && {STATE} === 'learning'")
     before = cells(tab)
     wait_for(
@@ -533,7 +532,7 @@ def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
 
 def test_a_page_beside_a_team_in_other_processes(tab, start, tmp_path):
     page = start("nodes.watch", "--ros-args", "-p", "port:=0")
-    tab.goto(address_of(page))
+    visit(tab, address_of(page))
     wait_for(tab, "document.getElementById('notice').textContent.includes('waiting')")
     for number in range(2):  # the page stays, teams come and go
         options = (
@@ -548,9 +547,9 @@ def test_a_page_beside_a_team_in_other_processes(tab, start, tmp_path):
         out = str(tmp_path / f"run{number}")
         team = start("cli.main", "run", "env1", "--processes", *options, "--out", out)
         about = "document.getElementById('about').textContent"
-        wait_for(tab, f"{about}.endsWith('seed {number}') && {STEP} > 15")
-        wait_for(tab, f"{STATE} === 'learning'")
-        wait_for(tab, f"['finished', 'gone'].includes({STATE})", 60)
+        begun = f"{about}.endsWith('seed {number}') && {STEP} > 15"
+        wait_for(tab, f"{begun} && {STATE} === 'learning'")
+        wait_for(tab, f"['finished', 'gone'].includes({STATE})")
         assert team.exit_code() == 0
     history = load_history(tmp_path / "run1")
     late = "document.getElementById('notice').textContent.includes('the curves lack what was')"
@@ -584,7 +583,7 @@ def test_eight_robots_in_light_and_dark(tab, start, tmp_path, scheme):
         "--out",
         str(tmp_path / "run"),
     )
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, f"{STEP} > 10")
     assert (
         tab.evaluate("document.querySelectorAll('.robot[visibility=visible]').length")
@@ -650,7 +649,7 @@ def test_keys_alone_reach_every_control_and_a_reader_hears_the_step(
     bags = two if several else two[:1]
     process = start("cli.main", "watch", *bags, "--port", "0", "--rate", "5")
     size(tab, 1280, 800)
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, "document.querySelector('.trail')")
     if several:
         wait_for(
@@ -721,15 +720,15 @@ def test_a_depot_becomes_a_driven_team_by_clicks(tab, start, tmp_path):
         "--out",
         str(tmp_path / "out"),
     )
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(
         tab, "document.getElementById('facts').textContent.startsWith('1,560 cells')"
     )
     place_robots(tab, [(1.5, 1.5), (28.5, 13.5), (28.5, 13.5), (1.5, 1.5)])
     click(tab, "train")
-    wait_for(tab, f"{TEAM}.startsWith('Learned: ')", 300)
+    wait_for(tab, f"{TEAM}.startsWith('Learned: ')")
     click(tab, "drive")
-    wait_for(tab, f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')", 120)
+    wait_for(tab, f"{TEAM}.startsWith('Bodies of radius 0.2 m drove 20 episodes')")
     assert "in 20 all robots arrived; walls touched: 0, " in tab.evaluate(TEAM)
     wait_for(tab, "document.querySelectorAll('.film circle').length === 2")
     wait_for(tab, "document.getElementById('frame').valueAsNumber > 2")
@@ -748,7 +747,7 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
     process = start(
         "cli.main", "import-map", str(ROOT / "examples/office.yaml"), *options
     )
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     facts = "document.getElementById('facts').textContent"
 
     wait_for(tab, f"{facts} === '937 cells of 0.5 m, 6 doorways'")
@@ -785,7 +784,7 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
         size(tab, width, height)
         assert tab.evaluate(WIDE)
     click(tab, "train")
-    wait_for(tab, f"{TEAM}.startsWith('Learned: runs/office_')", 120)
+    wait_for(tab, f"{TEAM}.startsWith('Learned: runs/office_')")
     frame = "document.getElementById('learning').contentDocument"
     wait_for(tab, f"{frame}.querySelector('#state').dataset.state === 'finished'")
     wait_for(tab, f"{frame}.{AGES} === 'Tables at the end of learning.'")
@@ -823,7 +822,7 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     # across the corridor, to and fro
     robots = ("--start", "-5,0", "5,0", "--goal", "5,0", "-5,0")
     process = start("cli.main", "import-map", office, *options, *robots)
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, f"{text_of('advice')}.startsWith('Asking will not pay: ')")
     assert tab.evaluate(WIDE)
     assert "interactions=together fits" in tab.evaluate(text_of("interactions"))
@@ -877,16 +876,14 @@ def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
     out = tmp_path / "out"
     options = ("--page", "--port", "0", "--out", str(out))
     process = start("cli.main", "import-map", str(tmp_path / "lane.png"), *options)
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, "!document.getElementById('scale').hidden")
     wait_for(tab, f"{text_of('next')} === 'Say how large this picture is, above'")
     assert tab.evaluate("document.getElementById('save').disabled")
     press(tab, 1, 1)
     tab.fill("#width", "13")
     tab.keyboard.press("Tab")
-    wait_for(
-        tab, "document.getElementById('resolution').valueAsNumber === 0.1", seconds=20
-    )
+    wait_for(tab, "document.getElementById('resolution').valueAsNumber === 0.1")
     tab.fill("#cell-side", "1")
     tab.keyboard.press("Tab")
     wait_for(tab, f"{text_of('facts')} === '43 cells of 1 m, 0 doorways'")
@@ -908,7 +905,7 @@ def test_help_of_a_bag_has_a_lane_a_key_and_a_curve(tab, start, record):
     """Miscoordinations, which there cannot be, stand nowhere; a key leads to the next help."""
     bag = record("lift", settings={"steps": 2000}).bag
     process = start("cli.main", "watch", str(bag), "--port", "0", "--step", "1")
-    tab.goto(address_of(process))
+    visit(tab, address_of(process))
     wait_for(tab, "document.getElementById('foot').dataset.read === '1'")
     wait_for(tab, "document.querySelector('button.help').disabled === false")
     assert tab.locator("#lanes .mark.help").get_attribute("d")
