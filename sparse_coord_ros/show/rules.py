@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules of a scenario in words: what costs robots how much, and when a question is answered."""
+"""The rules of a scenario in words: what costs how much, and when a question is answered."""
 
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
@@ -25,7 +25,9 @@ def rules_in_words(scenario: Scenario) -> str:
     inter = interactions_of(scenario)
     told = []
     if can_miscoordinate(inter):
-        told.append(f"If two robots {_miscoordination(scenario)}, {_payment(scenario)}.")
+        told.append(
+            f"If two robots {_miscoordination(scenario)}, {_payment(scenario)}."
+        )
     if inter.blocks:
         told.append(f"{NARROW[scenario.kinds['block']]} holds one robot.")
     if inter.helps:

@@ -64,8 +64,9 @@ def test_robots_that_never_meet_lose_nothing(cost):
     scenario = drawn("1.2", penalty=-100, ask_cost=cost)
     found = advice(scenario)
     assert (found.kind, found.loss, found.ratio) == (WILL_NOT_PAY, 0.0, 0.0)
+    alone = independent_bound(scenario)
     assert found.text == (
-        f"Asking will not pay: a robot alone in the world earns {independent_bound(scenario):.2f}; "
+        f"Asking will not pay: a robot alone in the world earns {alone:.2f}; "
         "robots that ignore each other earn as much."
     )
 

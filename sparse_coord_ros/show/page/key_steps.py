@@ -181,7 +181,7 @@ class Highlight(NamedTuple):
         first, last: its time steps.
         step: of its most important question; None: no robot asks.
         robot: the robot that asks then; cell: its cell.
-        text: the question and its consequence, in words; so those of the other robots that ask then.
+        text: the question and its consequence, in words; also of others that ask then.
     """
 
     first: int
@@ -198,10 +198,11 @@ def highlight(
     """Return the latest episode of a part of a log in which what was learned matters most.
 
     That is where a robot asks, as its tables say that it would; goes where they say that it would
-    go after this answer; at a doorway at which the other one is, too, in another cell; best if
-    several ask so at once; goes where it would not go without the answer; and all arrive without a miscoordination. Cells that a
-    greedy robot reaches from its start come first: an episode of learning may begin elsewhere. Of
-    episodes that show as much those come first in which robots help each other.
+    go after this answer; at a doorway at which the other one is, too, in another cell; best where
+    several robots do so at once; goes where it would not go without the answer; and all arrive
+    without a miscoordination. Cells that a greedy robot reaches from its start come first: an
+    episode of learning may begin elsewhere. Of episodes that show as much those come first in which
+    robots help each other.
 
     Args:
         log: the part, with at least one episode.

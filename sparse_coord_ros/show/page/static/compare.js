@@ -49,7 +49,7 @@ class Column {
     this.newest[message.type] = message;
     const draw = {
       run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds(), true); this.show(); },
-      tables: () => { this.map.policy(message); differences(); },
+      tables: () => { this.map.policy(message); differences(); headline(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
       marks: () => this.mark(),
@@ -64,6 +64,13 @@ class Column {
   // What the clock shows of this run. Frames come with the clock: streams of their own would come sooner or later.
   get frame() {
     return clock?.frames[this.k];
+  }
+
+  // The robots that ask in a cell to which they come; until the team is evaluated by the tables that are shown.
+  get askers() {
+    const { evaluation, tables } = this.newest, known = tables?.robots.every(Boolean);
+    const found = () => [...tables.robots.keys()].filter((k) => tables.robots[k].asks.some((cell) => tables.robots[k].enters.includes(cell)));
+    return evaluation?.askers ?? (known ? found() : null);
   }
 
   // Its learning curves: of miscoordinations only where there can be some.
@@ -84,7 +91,7 @@ class Column {
     const said = dialogue?.entries.filter((entry) => entry.step === frame.step).map((entry) => entry.text) ?? [];
     said.push(...frame.interactions);
     const home = frame.cells.every((cell, k) => cell === run.robots[k].goal);
-    this.now.replaceChildren(html("b", {}, "Now"), ` ${said.join(" ") || (home ? "All robots have arrived." : "No robot asks.")}`);
+    this.now.replaceChildren(html("b", {}, "Now:"), ` ${said.join(" ") || (home ? "all robots have arrived." : "no robot asks.")}`);
     this.spoken = `${letter(this.k)}. ${spoken(run, frame)}`;
   }
 
@@ -160,16 +167,21 @@ function askers(run, asking) {
 
 // What the teams do differently, and what that brings.
 function headline() {
+  const asking = columns.map((column) => column.askers);
+  if (!asking.every(Boolean)) return;
+  const said = asking.map((robots, k) => askers(columns[k].newest.run, robots));
+  const several = new Set(said).size > 1;
+  const each = `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`;
   const values = columns.map((column) => column.newest.evaluation);
-  if (!values.every(Boolean)) return;
-  const said = values.map((value, k) => askers(columns[k].newest.run, value.askers));
+  if (!values.every(Boolean)) {
+    $("headline").textContent = several ? `I${each.slice(1)}` : `In all runs ${said[0]}.`;
+    return;
+  }
   const often = values.map((value, k) => `${withError(value.asks, 2)} times an episode in ${letter(k)}`);
-  const asking = new Set(said).size > 1
-    ? `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`
-    : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
+  const told = several ? each : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
   const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`).join(", ");
   const failing = values.map((value, k) => (value.failing ? `The team of ${letter(k)} fails. ` : "")).join("");
-  $("headline").textContent = `${failing}I${asking.slice(1)} On average a robot earns ${earned}.`;
+  $("headline").textContent = `${failing}I${told.slice(1)} On average a robot earns ${earned}.`;
   const beside = new Set(values.map(yardsticks));
   $("beside").textContent = beside.size === 1 ? [...beside][0] : "";
 }
