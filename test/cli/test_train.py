@@ -147,7 +147,10 @@ def test_it_says_once_whether_coordination_will_pay(sparse_coord, trials):
     """With an evaluation the last word says it, or a line of its own where robots get lost."""
     options = ("--steps", 50, "--penalty", -100, "--trials", trials)
     code, out, _ = sparse_coord("train", "env1", *options, "--out", "a")
-    expected = "Coordination will pay: robots that ignore each other lose 33.86 each, as much as"
+    expected = (
+        "Coordination will pay: a robot alone in the world earns 126.45; robots that "
+        "ignore each other lose 33.86 of it each, as much as"
+    )
     assert code == 0 and out.count(expected) == 1
     data = json.loads(
         sparse_coord("train", "env1", *options, "--out", "b", "--json")[1]

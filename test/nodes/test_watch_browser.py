@@ -526,7 +526,7 @@ def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     wait_for(tab, "!document.getElementById('start').disabled")
     click(tab, "start")
     wait_for(tab, "document.getElementById('about').textContent.startsWith('isr')")
-    assert "penalty -5," in tab.evaluate("document.getElementById('about').textContent")
+    assert "pays 5. " in tab.evaluate("document.getElementById('about').textContent")
     wait_for(tab, f"{STEP} > 10")
 
 
@@ -547,7 +547,7 @@ def test_a_page_beside_a_team_in_other_processes(tab, start, tmp_path):
         out = str(tmp_path / f"run{number}")
         team = start("cli.main", "run", "env1", "--processes", *options, "--out", out)
         about = "document.getElementById('about').textContent"
-        begun = f"{about}.endsWith('seed {number}') && {STEP} > 15"
+        begun = f"{about}.includes(', seed {number}. ') && {STEP} > 15"
         wait_for(tab, f"{begun} && {STATE} === 'learning'")
         wait_for(tab, f"['finished', 'gone'].includes({STATE})")
         assert team.exit_code() == 0
@@ -657,6 +657,23 @@ def test_keys_alone_reach_every_control_and_a_reader_hears_the_step(
         )
         told = "[...document.querySelectorAll('.told')].map((one) => one.textContent)"
         assert all(tab.evaluate(told))
+        about = tab.evaluate(text_of("about"))
+        assert about.startswith(
+            "env1, 2 robots, seed 2. If two robots are in one doorway,"
+        )
+        assert "robots that ignore each other 92.60 · " in tab.evaluate(
+            text_of("beside")
+        )
+        assert tab.evaluate(text_of("where")).endswith(", again and again")
+        labels = "[...document.querySelectorAll('#layers label')]"
+        signs = f"{labels}.map((one) => one.querySelectorAll('svg > *').length)"
+        assert tab.evaluate(signs) == [1] * 5
+        assert "doorway" in tab.evaluate(text_of("signs"))
+        differ = "[...document.querySelectorAll('.differs > title')]"
+        words = tab.evaluate(f"{differ}.map((one) => one.textContent)")
+        assert words and all(
+            " in A, " in one and one.endswith(" in B.") for one in words
+        )
     reached = []
     for _ in range(40):
         tab.keyboard.press("Tab")

@@ -23,7 +23,7 @@ from sparse_coord_ros.core.solve.advice import (
     relative_gain,
 )
 from sparse_coord_ros.core.solve.group_bound import without_others
-from sparse_coord_ros.core.solve.optimum import joint_optimum
+from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
 MEETING = "1D2"
@@ -64,15 +64,17 @@ def test_robots_that_never_meet_lose_nothing(cost):
     scenario = drawn("1.2", penalty=-100, ask_cost=cost)
     found = advice(scenario)
     assert (found.kind, found.loss, found.ratio) == (WILL_NOT_PAY, 0.0, 0.0)
+    alone = independent_bound(scenario)
     assert found.text == (
-        "Asking will not pay: robots that ignore each other lose 0.00 each."
+        f"Asking will not pay: a robot alone in the world earns {alone:.2f}; "
+        "robots that ignore each other earn as much."
     )
 
 
 def test_free_questions():
     found = advice(load_scenario("env1", penalty=-100, ask_cost=0))
     assert found.ratio == math.inf and found.kind == WILL_PAY
-    assert "lose 33.86 each, and questions are free;" in found.text
+    assert "lose 33.86 of it each, and questions are free;" in found.text
     assert advice(load_scenario("env1", penalty=0, ask_cost=0)).ratio == 0.0
 
 

@@ -81,11 +81,14 @@ def advice(scenario: Scenario) -> Advice:
         kind = AVOIDABLE
     if len(scenario.robots) == 1:
         return Advice(kind, loss, ratio, gain, "With one robot there is nobody to ask.")
-    facts = f"robots that ignore each other lose {loss:.2f} each"
-    if loss > 0.0:
+    facts = f"a robot alone in the world earns {independent_bound(scenario):.2f}"
+    if loss == 0.0:
+        facts += "; robots that ignore each other earn as much"
+    else:
+        facts += f"; robots that ignore each other lose {loss:.2f} of it each"
         facts += f", {_cost_in_words(ratio)}"
-    if optimum.exact and loss > 0.0:
-        facts += f"; a team can win back {gain:.2f}"
+        if optimum.exact:
+            facts += f"; a team can win back {gain:.2f} of that"
     return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
 
 

@@ -102,6 +102,7 @@ class Comparison(controls.Played):
         self.rate = rate
         self.paused = False
         self.position = 0.0
+        self._watched = False
         self._made_of: object = None
         self._shown: Aligned | None = None
         learned = all(source.highlight is not None for source in sources)
@@ -179,8 +180,17 @@ class Comparison(controls.Played):
                 time.sleep(FRAME_SECONDS)
 
     def move_on(self, seconds: float) -> None:
-        """Play for so long; what was learned again and again, all runs up to their ends."""
-        if self.paused:
+        """Play for so long; what was learned again and again, all runs up to their ends.
+
+        Time passes while a page is open. The first page sees what was learned from its start.
+        """
+        watched = self.board.pages > 0
+        begins = watched and not self._watched
+        self._watched = watched
+        if begins and self.axis == controls.LEARNED_EPISODE:
+            self.position = 0.0
+            return
+        if self.paused or not watched:
             return
         last = float(self.alignment().last)
         self.position += seconds * self.rate if self.rate else last

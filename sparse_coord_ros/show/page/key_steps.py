@@ -131,11 +131,22 @@ class KeySteps:
         changed = {step for known in self.changes for step, _ in known[1:]}
         self.steps[POLICY] = np.array(sorted(changed), dtype=np.int64)
 
-    def meetings(self, cells: np.ndarray) -> np.ndarray:
-        """Return where two robots are in front of one doorway, or in it; cells (T, K): (T,)."""
+    def meetings(self, cells: np.ndarray, *, apart: bool = False) -> np.ndarray:
+        """Return where two robots are in front of one doorway, or in it; cells (T, K): (T,).
+
+        Args:
+            cells: of each robot.
+            apart: whether they must be in different cells.
+        """
         found = np.zeros(len(cells), dtype=np.bool_)
         for near in self._near:
-            found |= np.isin(cells, near).sum(axis=1) >= 2
+            here = np.isin(cells, near)
+            met = here.sum(axis=1) >= 2
+            if apart:
+                lowest = np.where(here, cells, cells.max()).min(axis=1)
+                highest = np.where(here, cells, cells.min()).max(axis=1)
+                met &= lowest < highest
+            found |= met
         return found
 
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:
@@ -170,7 +181,7 @@ class Highlight(NamedTuple):
         first, last: its time steps.
         step: of its most important question; None: no robot asks.
         robot: the robot that asks then; cell: its cell.
-        text: the question and its consequence, in words.
+        text: the question and its consequence, in words; also of others that ask then.
     """
 
     first: int
@@ -187,10 +198,11 @@ def highlight(
     """Return the latest episode of a part of a log in which what was learned matters most.
 
     That is where a robot asks, as its tables say that it would; goes where they say that it would
-    go after this answer, and where it would not go without one; at a doorway at which the other
-    one is, too; and all arrive without a miscoordination. Cells that a greedy robot reaches from
-    its start come first: an episode of learning may begin elsewhere. Of episodes that show as much
-    those come first in which robots help each other.
+    go after this answer; at a doorway at which the other one is, too, in another cell; best where
+    several robots do so at once; goes where it would not go without the answer; and all arrive
+    without a miscoordination. Cells that a greedy robot reaches from its start come first: an
+    episode of learning may begin elsewhere. Of episodes that show as much those come first in which
+    robots help each other.
 
     Args:
         log: the part, with at least one episode.
@@ -221,6 +233,9 @@ def highlight(
     cell = int(log.cells[row, k])
     step = logged_step(log, row)
     text = _told(step, k, narrator, learned=team.would_do_it_again(step, k))
+    for other in np.flatnonzero(ranks[row]).tolist():
+        if other != k and team.would_do_it_again(step, other):
+            text += f" {_told(step, other, narrator, learned=True)}"
     if not good[number]:
         met = ""
         if can_miscoordinate(interactions_of(log.run.scenario)):
@@ -235,7 +250,7 @@ def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
     A rank is a binary number: each property outweighs all that come after it.
     """
     ranks = np.zeros(log.asked.shape, dtype=np.int64)
-    together = key_steps.meetings(log.cells)
+    apart = key_steps.meetings(log.cells, apart=True)
     for k, policy in enumerate(team.policies):
         rows = np.flatnonzero(log.asked[:, k] & log.perceived[:, k])
         cells = log.cells[rows, k]
@@ -248,12 +263,14 @@ def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
         another_move = ~policy.moves[cells, moves]
         ranks[rows, k] = (
             1
-            + 16 * reached
-            + 8 * np.array(by_answer, dtype=bool)
-            + 4 * asks
-            + 2 * another_move
-            + together[rows]
+            + 32 * reached
+            + 16 * np.array(by_answer, dtype=bool)
+            + 8 * asks
+            + 4 * apart[rows]
+            + another_move
         )
+    learned = ranks >= 1 + 32 + 16 + 8 + 4
+    ranks += 2 * (learned & (learned.sum(axis=1, keepdims=True) >= 2))
     return ranks
 
 

@@ -19,12 +19,14 @@ from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import interactions_of
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.core.solve.exact import evaluate_best
+from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import yardsticks
 from sparse_coord_ros.core.solve.verdict import last_word
 from sparse_coord_ros.lab.maps.image import under
@@ -36,6 +38,7 @@ from sparse_coord_ros.show.narrator import Narrator, failing_in_words
 from sparse_coord_ros.show.page.key_steps import LearnedTeam, kinds_of, shown_by
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
+from sparse_coord_ros.show.rules import rules_in_words
 from sparse_coord_ros.show.steps import Question, questions_of
 
 POINTS = 240
@@ -74,6 +77,7 @@ def run_fields(run: RunConfig) -> Message:
         "penalty": scenario.penalty,
         "perception": str(scenario.perception),
         "interactions": scenario.interactions,
+        "rules": rules_in_words(scenario),
         "actions": ACTIONS,
         "directions": DIRECTIONS,
         "outcomes": {
@@ -294,7 +298,15 @@ def evaluation_fields(
         if step is None
         else "",
         "yardsticks": yardsticks(run.scenario),
+        "ignoring": _ignoring(run.scenario),
     }
+
+
+def _ignoring(scenario: Scenario) -> float | None:
+    """Return what a robot earns if robots ignore each other; None for teams that need trials."""
+    if len(scenario.robots) > MOST_ROBOTS:
+        return None
+    return shortest_path_reference(scenario).returns
 
 
 def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:

@@ -86,6 +86,7 @@ def player(bags, clock):
     for source in sources:
         source.read_through()
     made = Comparison(sources, MessageBoard())
+    made.board.pages = 1
 
     def do(name=None, value=None, seconds=0.0):
         if name is not None:
@@ -159,6 +160,29 @@ def test_what_was_learned_is_played_again_and_again(player):
     assert said(player)["state"] == "playing"
     frames = player.do(seconds=5.0)
     assert [frame["step"] for frame in frames] == [one.first for one in shown]
+
+
+def test_the_first_page_sees_what_was_learned_from_its_start(player):
+    """Time passes only while a page is open; one that is opened beside it changes nothing."""
+    player.do(AXIS, LEARNED_EPISODE)
+    player.do(seconds=1.0)
+    assert said(player)["position"] == 2
+    player.board.pages = 2
+    player.do(seconds=0.5)
+    assert said(player)["position"] == 3
+    player.board.pages = 0
+    player.do(seconds=5.0)
+    assert said(player)["position"] == 3
+    player.board.pages = 1
+    player.do(seconds=5.0)
+    assert said(player)["position"] == 0
+    player.do(AXIS, TIME_STEP)
+    player.do(SEEK, 200)
+    player.board.pages = 0
+    player.do()
+    player.board.pages = 1
+    player.do()
+    assert said(player)["position"] == 200
 
 
 def test_the_clock_carries_the_frames_of_its_position(player):

@@ -3,7 +3,7 @@
 
 import { html, svg, ticks } from "/draw.js";
 
-const WIDTH = 400, HEIGHT = 205, LEFT = 46, RIGHT = 26, TOP = 10, BOTTOM = 38;
+const WIDTH = 300, HEIGHT = 170, LEFT = 38, RIGHT = 20, TOP = 8, BOTTOM = 36;
 const LABEL = 11; // the height of a label
 
 const known = (values) => values.filter((v) => v !== null);

@@ -2,8 +2,9 @@
 // Several runs on one page: one clock, one time line, a map for each, and their curves in one chart.
 
 import { Curves } from "/curves.js";
-import { $, about, html, number, otherTheme, showKeys, spoken, svg, tell } from "/draw.js";
+import { $, about, html, number, otherTheme, showKeys, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
+import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
 import { connect, token } from "/stream.js";
 
@@ -14,6 +15,10 @@ const MARK_NAMES = { stopped: "another robot stops it" };
 const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
 const look = (k) => ({ stroke: LOOKS[k % LOOKS.length][0], "stroke-dasharray": LOOKS[k % LOOKS.length][1], "data-run": k + 1 });
+
+// What the maps show: of each layer its words, and whether it is shown at first.
+const SHOWN = [["trails", "trails", true], ["rings", "where a robot would ask (pale: it never comes there)", true],
+  ["differ", "", true], ["arrows", "best moves", false], ["heat", "asked so far", false]];
 
 const letter = (k) => String.fromCharCode(65 + k);
 
@@ -44,7 +49,7 @@ class Column {
     this.newest[message.type] = message;
     const draw = {
       run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds(), true); this.show(); },
-      tables: () => { this.map.policy(message); differences(); },
+      tables: () => { this.map.policy(message); differences(); headline(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
       marks: () => this.mark(),
@@ -59,6 +64,13 @@ class Column {
   // What the clock shows of this run. Frames come with the clock: streams of their own would come sooner or later.
   get frame() {
     return clock?.frames[this.k];
+  }
+
+  // The robots that ask in a cell to which they come; until the team is evaluated by the tables that are shown.
+  get askers() {
+    const { evaluation, tables } = this.newest, known = tables?.robots.every(Boolean);
+    const found = () => [...tables.robots.keys()].filter((k) => tables.robots[k].asks.some((cell) => tables.robots[k].enters.includes(cell)));
+    return evaluation?.askers ?? (known ? found() : null);
   }
 
   // Its learning curves: of miscoordinations only where there can be some.
@@ -79,7 +91,7 @@ class Column {
     const said = dialogue?.entries.filter((entry) => entry.step === frame.step).map((entry) => entry.text) ?? [];
     said.push(...frame.interactions);
     const home = frame.cells.every((cell, k) => cell === run.robots[k].goal);
-    this.now.textContent = said.join(" ") || (home ? "All robots have arrived." : " ");
+    this.now.replaceChildren(html("b", {}, "Now:"), ` ${said.join(" ") || (home ? "all robots have arrived." : "no robot asks.")}`);
     this.spoken = `${letter(this.k)}. ${spoken(run, frame)}`;
   }
 
@@ -116,18 +128,26 @@ function isUpright({ rows }) {
 function differences() {
   const robots = columns.map((column) => column.newest.tables?.robots);
   const same = columns.every((column) => column.newest.run?.map.rows.join() === columns[0].newest.run?.map.rows.join());
-  const found = new Set();
+  const found = new Map();
   if (same && robots.every((own) => own?.every(Boolean))) {
     for (const k of robots[0].keys()) {
       const entered = new Set(robots.flatMap((own) => own[k].enters));
       for (const cell of entered) {
-        const does = new Set(robots.map((own) => (own[k].asks.includes(cell) ? "asks" : own[k].moves[cell].join())));
-        if (does.size > 1) found.add(cell);
+        const does = robots.map((own) => (own[k].asks.includes(cell) ? "asks" : movesInWords(own[k].moves[cell])));
+        const { name } = columns[0].newest.run.robots[k];
+        const words = `${name} ${does.map((one, run) => `${one} in ${letter(run)}`).join(", ")}.`;
+        if (new Set(does).size > 1) found.set(cell, found.has(cell) ? `${found.get(cell)} ${words}` : words);
       }
     }
   }
-  for (const column of columns) if (column.newest.run) column.map.mark([...found]);
-  $("differ").textContent = `where the policies differ (${found.size} cells)`;
+  for (const column of columns) if (column.newest.run) column.map.mark(found);
+  $("differ").textContent = `where they do something else (${found.size} cells)`;
+}
+
+// The best moves of a cell.
+function movesInWords(best) {
+  const { actions } = columns[0].newest.run;
+  return `moves ${best.flatMap((is, move) => (is ? [actions[move]] : [])).join(" or ")}`;
 }
 
 // A mean, with its standard error where it has one.
@@ -146,22 +166,36 @@ function askers(run, asking) {
 
 // What the teams do differently, and what that brings.
 function headline() {
+  const asking = columns.map((column) => column.askers);
+  if (!asking.every(Boolean)) return;
+  const said = asking.map((robots, k) => askers(columns[k].newest.run, robots));
+  const several = new Set(said).size > 1;
+  const each = `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`;
   const values = columns.map((column) => column.newest.evaluation);
-  if (!values.every(Boolean)) return;
-  const said = values.map((value, k) => askers(columns[k].newest.run, value.askers));
+  if (!values.every(Boolean)) {
+    $("headline").textContent = several ? `I${each.slice(1)}` : `In all runs ${said[0]}.`;
+    return;
+  }
   const often = values.map((value, k) => `${withError(value.asks, 2)} times an episode in ${letter(k)}`);
-  const asking = new Set(said).size > 1
-    ? `${said.map((words, k) => `in ${letter(k)} ${words}`).join(", ")}.`
-    : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
-  const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`);
+  const told = several ? each : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
+  const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`).join(", ");
   const failing = values.map((value, k) => (value.failing ? `The team of ${letter(k)} fails. ` : "")).join("");
-  $("headline").textContent = `${failing}I${asking.slice(1)} A robot earns ${earned.join(", ")}.`;
+  $("headline").textContent = `${failing}I${told.slice(1)} On average a robot earns ${earned}.`;
+  const beside = new Set(values.map(yardsticks));
+  $("beside").textContent = beside.size === 1 ? [...beside][0] : "";
+}
+
+// What other teams earn.
+function yardsticks({ ignoring, yardsticks: known }) {
+  const others = known.map(([name, value]) => `${name} ${value.toFixed(2)}`);
+  if (ignoring !== null) others.unshift(`robots that ignore each other ${ignoring.toFixed(2)}`);
+  return others.length ? `To compare: ${others.join(" · ")}` : "";
 }
 
 // The scenario and its settings, where they are those of all runs.
 function headerOf() {
   const runs = columns.map((column) => column.newest.run);
-  const found = new Set(runs.map((run) => run && `${run.scenario}, ${about(run)}`));
+  const found = new Set(runs.map((run) => run && about(run)));
   $("about").textContent = found.size === 1 ? [...found][0] ?? "" : "";
 }
 
@@ -171,6 +205,18 @@ const kinds = () => MARKS.filter((kind) => columns.some((column) => column.newes
 function legend() {
   $("marks-legend").replaceChildren(...kinds().map((kind) => html("span", {},
     svg("svg", { viewBox: "0 0 10 10", "aria-hidden": "true" }, svg("path", { class: `mark ${kind}`, d: "M5,1v8" })), ` ${MARK_NAMES[kind] ?? kind}`)));
+  const { run } = columns.find((column) => column.newest.run).newest;
+  const signs = layerSigns(tinted(run.robots[0].colour));
+  for (const [name] of SHOWN) $(`sign-${name}`).replaceChildren(signs[name]);
+  const outcomes = run.perception === "always" ? [] : [["refused", "is refused"], ["failed", "no answer"]];
+  $("signs").replaceChildren(...[["answered", "asks, is answered"], ...outcomes].map(([outcome, words]) => question(run, outcome, words)), ...places(run));
+}
+
+// The boxes, each with its sign; then the other signs.
+function begin() {
+  $("layers").replaceChildren(...SHOWN.map(([name, words, checked]) => html("label", {},
+    html("input", { type: "checkbox", id: `show-${name}`, checked, onchange: layers }), html("span", { id: `sign-${name}` }),
+    name === "differ" ? html("span", { id: "differ" }, "where they do something else") : words)), html("p", { id: "signs", className: "quiet" }));
 }
 
 function drawCurves() {
@@ -185,7 +231,7 @@ function place() {
 
 function layers() {
   for (const { map, newest } of columns) {
-    for (const name of ["arrows", "rings", "heat", "trails", "differ"]) map.layers[name] = $(`show-${name}`).checked;
+    for (const [name] of SHOWN) map.layers[name] = $(`show-${name}`).checked;
     if (newest.run) map.redraw();
   }
 }
@@ -201,7 +247,7 @@ function showClock() {
     $("rate").value = clock.rate;
   }
   const into = clock.position - (aligned?.offsets[clock.segment] ?? 0);
-  $("where").textContent = { learned: `step ${into} of the episode that shows what was learned`,
+  $("where").textContent = { learned: `step ${into} of ${clock.last}, again and again`,
     episode: `episode ${number(clock.segment + 1)}, step ${into}`, step: `time step ${number(columns[0]?.frame?.step)}` }[clock.axis];
   $("seek").ariaValueText = $("where").textContent;
   place();
@@ -217,8 +263,8 @@ const TAKE = {
   },
   run(message) {
     titles = message.titles;
-    const title = titles.join(" and ");
-    $("title").textContent = title[0].toUpperCase() + title.slice(1);
+    const named = titles.map((title, k) => `${title} (${letter(k)})`).join(" and ");
+    $("title").textContent = named[0].toUpperCase() + named.slice(1);
     document.title = `${titles.join(", ")} – sparse_coord`;
     $("axis").replaceChildren(...message.axes.map((axis) => new Option(AXES[axis], axis)));
     $("rate").replaceChildren(...RATES.map((rate) => new Option(`${number(rate)} steps/s`, rate)));
@@ -245,7 +291,7 @@ $("axis").onchange = () => { send("axis", $("axis").value); $("axis").blur(); };
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("theme").onclick = otherTheme;
 $("help").onclick = showKeys;
-for (const name of ["arrows", "rings", "heat", "trails", "differ"]) $(`show-${name}`).onchange = layers;
+begin();
 
 const KEYS = {
   " ": pause, ArrowRight: () => send("step", 1), ArrowLeft: () => send("step", -1),

@@ -74,11 +74,11 @@ export function showKeys() {
   $("help").ariaExpanded = String(!$("keys").hidden);
 }
 
-// What a run is about, without its learner.
-export function about(run) {
+// What a run is about: its scenario, its learner if that is given, and the rules.
+export function about(run, learner) {
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  const penalty = run.kinds.includes("miscoordination") ? `penalty ${run.penalty}, ` : "";
-  return `${team}, ${penalty}perception: ${run.perception}, interactions: ${run.interactions}, seed ${run.seed}`;
+  const parts = [run.scenario, learner, team, `seed ${run.seed}`].filter(Boolean);
+  return `${parts.join(", ")}. ${run.rules}`;
 }
 
 // Dark where the page is light, and the other way round.

@@ -115,6 +115,7 @@ export class TeamMap extends View {
     const places = this.places(frame.cells);
     this.bodies.forEach((body, k) => {
       const place = places[k];
+      body.classList.toggle("there", body.getAttribute("visibility") === "visible"); // else it would fly in
       body.setAttribute("visibility", place ? "visible" : "hidden");
       if (!place) return;
       body.style.transform = `translate(${place[0]}px,${place[1]}px) scale(${place[2] * this.grown})`;
@@ -221,12 +222,12 @@ export class TeamMap extends View {
     })));
   }
 
-  // Cells in which another run's robots do something else.
+  // Cells in which another run's robots do something else: of each cell what they do, in words.
   mark(cells) {
     this.different = cells;
-    this.layer.differ.replaceChildren(...(this.layers.differ ? cells : []).map((cell) => {
+    this.layer.differ.replaceChildren(...(this.layers.differ ? [...cells] : []).map(([cell, words]) => {
       const [r, c] = this.run.map.cells[cell], x = (c + 1) * UNIT, y = r * UNIT;
-      return svg("path", { class: "differs", d: `M${x - 15},${y + 1}H${x - 1}V${y + 15}Z` });
+      return svg("path", { class: "differs", d: `M${x - 15},${y + 1}H${x - 1}V${y + 15}Z` }, svg("title", {}, words));
     }));
   }
 

@@ -4,6 +4,7 @@
 import { Curves } from "/curves.js";
 import { $, about, html, inkOn, number, otherTheme, shape, showKeys, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
+import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel, learnedPanel } from "/panels.js";
 import { connect, token } from "/stream.js";
@@ -97,7 +98,7 @@ function begin() {
   const { run } = newest;
   $("title").textContent = run.title;
   document.title = `${run.scenario} – sparse_coord watch`;
-  $("about").textContent = `${run.scenario}, ${run.learner}${run.greedy ? " (greedy)" : ""}, ${about(run)}`;
+  $("about").textContent = about(run, `${run.learner}${run.greedy ? " (greedy)" : ""}`);
   Object.assign($("map-title"), { textContent: run.map.name, title: run.map.title });
   map.begin(run);
   $("robots").replaceChildren(...run.robots.map(chip));
@@ -128,31 +129,11 @@ function toggle(k) {
 }
 
 function legend() {
-  const { run } = newest;
-  const item = (words, ...shapes) => html("span", {}, svg("svg", { viewBox: "0 0 60 22" }, ...shapes), words);
-  const ask = (outcome, words) => {
-    const { colour, sign } = run.outcomes[outcome];
-    return item(words, svg("g", { class: "ask", "data-outcome": outcome, stroke: tinted(colour) },
-      svg("line", { x1: 2, y1: 11, x2: 58, y2: 11 }),
-      svg("circle", { cx: 30, cy: 11, r: 10, fill: colour, class: "badge" }),
-      svg("text", { x: 30, y: 11, stroke: "none" }, sign)));
-  };
-  const first = tinted(run.robots[0].colour);
+  const { run } = newest, signs = layerSigns(tinted(run.robots[0].colour));
   $("legend").replaceChildren(
-    ask("answered", "asks, is answered"), ask("refused", "is refused"), ask("failed", "no answer"),
-    item("would ask here", svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })),
-    item(html("span", { id: "asked-where" }), svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
-    item("never visited", svg("path", { d: "M14,11H46", class: "arrow pale", stroke: first })),
-    item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")));
-  if (run.map.doorways.length) $("legend").append(
-    item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })));
-  if (run.kinds.includes("miscoordination")) $("legend").append(
-    item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
-  if (run.map.helps.length) $("legend").append(
-    item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help-place" })),
-    item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔")));
-  if (run.kinds.includes("exchange")) $("legend").append(item("robots exchange cells", svg("text", { x: 30, y: 12, class: "met-sign" }, "⇄")));
-  if (run.kinds.includes("stopped")) $("legend").append(item("another robot stops it", svg("path", { d: "M30,3v16", class: "bar-in-the-way" })));
+    question(run, "answered", "asks, is answered"), question(run, "refused", "is refused"), question(run, "failed", "no answer"),
+    html("span", {}, signs.rings, "would ask here"), html("span", {}, signs.heat, html("span", { id: "asked-where" })),
+    html("span", {}, signs.pale, "never visited"), ...places(run));
 }
 
 function showFrame() {
