@@ -46,6 +46,11 @@ def tags_of(page):
     return tags
 
 
+def wrapped(name):
+    """Return a condition's name as it stands in a table, with the places where it may break."""
+    return name.replace("/", "/<wbr/>").replace(",", ",<wbr/>")
+
+
 def test_a_page_has_no_markdown_and_its_pictures_have_whole_names(tmp_path):
     """The words of its sections are those of the Markdown pages."""
     folder = tmp_path / "results"
@@ -190,9 +195,8 @@ def test_the_page_of_results_is_whole_and_self_contained(results, tmp_path, caps
     assert main(["report", str(results), "--out", str(out)]) == 0
     tags = tags_of(out.read_text())
     assert tags.count("img") == 2 and "script" not in tags
-    assert (
-        '<th scope="row">env1/coop/penalty=-20,<wbr/>steps=300</th>' in out.read_text()
-    )
+    name = wrapped("env1/coop/penalty=-20,steps=300")
+    assert f'<th scope="row">{name}</th>' in out.read_text()
     assert "<p>Failed team: " in out.read_text()
     out.unlink()
     assert main(["report", str(results), "--no-baselines", "--out", str(out)]) == 2
@@ -227,8 +231,8 @@ def test_results_of_swap_and_block_are_reported(tmp_path, capsys):
     assert main(["report", folder, "--out", str(out)]) == 0
     page = out.read_text()
     for one in conditions:
-        assert f'<th scope="row">{one.replace(",", ",<wbr/>")}</th>' in page
-    last = conditions[1].replace(",", ",<wbr/>")
+        assert f'<th scope="row">{wrapped(one)}</th>' in page
+    last = wrapped(conditions[1])
     row = page.partition(f">{last}</th>")[2].partition("</tr>")[0]
     assert re.search(r"<td>[\d.]+ \(\d\.\d\d\)</td>", row)  # shortest paths
     assert "of trials, with its standard error" in page

@@ -672,9 +672,10 @@ PALE = """() => {
     }
     return [255, 255, 255];
   };
-  const letters = (one) => [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+  const written = (node) => node.nodeType === Node.TEXT_NODE && node.data.trim();
   return [...document.body.querySelectorAll('*')]
-    .filter((one) => one.checkVisibility() && letters(one) && !one.closest('svg, :disabled, option'))
+    .filter((one) => [...one.childNodes].some(written) && one.checkVisibility())
+    .filter((one) => !one.closest('svg, :disabled, option'))
     .map((one) => [one, [parts(getComputedStyle(one).color).slice(0, 3), under(one)].map(bright)])
     .filter(([, [a, b]]) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) < 4.5)
     .map(([one]) => one.outerHTML);
