@@ -952,6 +952,9 @@ def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
     tab.goto(address_of(process))
     wait_for(tab, "!document.getElementById('scale').hidden")
     wait_for(tab, f"{text_of('next')} === 'Say how large this picture is, above'")
+    names = "[...document.querySelectorAll('#scale input')].map((one) => one.ariaLabel)"
+    corner = ["lower left corner: x in metres", "lower left corner: y in metres"]
+    assert tab.evaluate(names) == ["width in metres", "metres a pixel", *corner]
     assert tab.evaluate("document.getElementById('save').disabled")
     press(tab, 1, 1)
     tab.fill("#width", "13")

@@ -95,14 +95,14 @@ function axes() {
 }
 
 function legend() {
-  const sample = (...marks) => svg("svg", { viewBox: "-16 -9 32 18", "aria-hidden": "true" }, ...marks);
+  const sample = (...marks) => svg("svg", { viewBox: "-16 -10 32 20", "aria-hidden": "true" }, ...marks);
   const entry = (words, ...marks) => html("span", {}, sample(...marks), words);
   const square = { x: -8, y: -8, width: 16, height: 16 };
   return [
     entry("free cell", svg("rect", { ...square, class: "cells" })),
     entry("doorway", svg("rect", { ...square, fill: run.doorway_colour })),
     entry("start of robot 1", disc(0, 9)),
-    entry("its goal", ring(0, 6.5)),
+    entry("its goal", ring(0, 6)),
     entry("a place that a note names", svg("circle", { r: 7, class: "met" })),
   ];
 }
