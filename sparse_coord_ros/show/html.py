@@ -7,7 +7,6 @@ outside is escaped.
 """
 
 import base64
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -51,12 +50,12 @@ def code(lines: str, *, summary: str = "") -> Part:
 
 
 def picture(figure: Figure, caption: str) -> Part:
-    """Return a picture; the caption's words up to its first stop name it.
+    """Return a picture; the caption's first sentence names it.
 
     On a narrow screen it shrinks to its least width, and then scrolls in its box.
     """
     data = base64.b64encode(rendered(figure, "svg")).decode()
-    alt = re.split("[.:]", caption)[0]
+    alt = caption.partition(".")[0]
     least = round(LEGIBLE * INCH * figure.get_figwidth())
     return {
         "kind": "picture",

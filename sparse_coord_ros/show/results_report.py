@@ -131,7 +131,8 @@ def _experiment(part: ReportedExperiment, say: Say) -> Iterator[Part]:
 
 
 def _paragraphs(markdown: str) -> list[str]:
-    found = [" ".join(paragraph.split()) for paragraph in markdown.split("\n\n")]
+    plain = markdown.replace("`", "")
+    found = [" ".join(paragraph.split()) for paragraph in plain.split("\n\n")]
     return [paragraph for paragraph in found if paragraph]
 
 

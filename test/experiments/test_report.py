@@ -573,6 +573,16 @@ def test_where_says_what_it_leaves_out_and_where_no_question_is_needed():
     assert needless.measured.endswith(": isr 0.50 times, loses 0.50 (0.00)")
 
 
+def test_where_says_of_no_scenario_that_none_is_left_out():
+    changes = {}
+    for one in experiment("where").conditions:
+        near = near_doorways(one.scenario.map)
+        stays = np.ones((len(one.scenario.robots), len(near)))
+        changes[one.id] = {"stays": stays.tolist(), "asked": (stays * near).tolist()}
+    [where, _] = section("where", changes).claims
+    assert where.measured.endswith(f" in {where.holds} of {where.cases} scenarios")
+
+
 def test_one_experiment_alone(tmp_path):
     one = experiment("penalty100")
     write_report(tmp_path, PLAN, [one], results_of([one]))

@@ -12,6 +12,8 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from made_up_results import PLAN, made_up
+from matplotlib.figure import Figure
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.engine.training import train
@@ -21,8 +23,12 @@ from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.log.runlog.explain import explained, in_words
 from sparse_coord_ros.log.runlog.log import read_run
+from sparse_coord_ros.show.html import picture
 from sparse_coord_ros.show.report import faults, run_report
+from sparse_coord_ros.show.results_report import results_report
 from sparse_coord_ros.show.sources import open_run
+from sparse_coord_ros.studies.catalogue import experiment
+from sparse_coord_ros.studies.store import SUMS, open_results
 
 
 def tags_of(page):
@@ -38,6 +44,25 @@ def tags_of(page):
                 assert value.startswith("data:image/svg+xml;base64,"), value
                 ElementTree.fromstring(base64.b64decode(value.partition(",")[2]))
     return tags
+
+
+def wrapped(name):
+    """Return a condition's name as it stands in a table, with the places where it may break."""
+    return name.replace("/", "/<wbr/>").replace(",", ",<wbr/>")
+
+
+def test_a_page_has_no_markdown_and_its_pictures_have_whole_names(tmp_path):
+    """The words of its sections are those of the Markdown pages."""
+    folder = tmp_path / "results"
+    with open_results(folder, PLAN) as opened:
+        for one in experiment("uneven").conditions:
+            means = {name: [1.0] * PLAN.runs for name in SUMS}
+            opened.save(one, made_up(one, means=means))
+    page = results_report(folder)
+    assert "`" not in page and "; same is a factor of one" in page
+    assert 'alt="r^C that differs between the robots (uneven)"' in page
+    caption = "Table 3: the large scenarios (table3). Bars are standard errors."
+    assert picture(Figure(), caption)["alt"] == "Table 3: the large scenarios (table3)"
 
 
 @pytest.fixture
@@ -170,7 +195,9 @@ def test_the_page_of_results_is_whole_and_self_contained(results, tmp_path, caps
     assert main(["report", str(results), "--out", str(out)]) == 0
     tags = tags_of(out.read_text())
     assert tags.count("img") == 2 and "script" not in tags
-    assert '<th scope="row">env1/coop/penalty=-20,steps=300</th>' in out.read_text()
+    name = wrapped("env1/coop/penalty=-20,steps=300")
+    assert f'<th scope="row">{name}</th>' in out.read_text()
+    assert "<p>Failed team: " in out.read_text()
     out.unlink()
     assert main(["report", str(results), "--no-baselines", "--out", str(out)]) == 2
     assert "--no-baselines is for runs" in capsys.readouterr().err
@@ -204,7 +231,8 @@ def test_results_of_swap_and_block_are_reported(tmp_path, capsys):
     assert main(["report", folder, "--out", str(out)]) == 0
     page = out.read_text()
     for one in conditions:
-        assert f'<th scope="row">{one}</th>' in page
-    row = page.partition(f">{conditions[1]}</th>")[2].partition("</tr>")[0]
+        assert f'<th scope="row">{wrapped(one)}</th>' in page
+    last = wrapped(conditions[1])
+    row = page.partition(f">{last}</th>")[2].partition("</tr>")[0]
     assert re.search(r"<td>[\d.]+ \(\d\.\d\d\)</td>", row)  # shortest paths
     assert "of trials, with its standard error" in page

@@ -284,6 +284,11 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
         lambda: "is missing: the world is gone" in board.get("notice")["text"],
         "no world",
     )
+    said = RunStatus(board.get("run")["scenario"], "stopped", 1, 1)
+    node.world_said(said)
+    assert board.get("notice")["text"].startswith("the run was stopped before its end")
+    node.world_said(said._replace(state="learning"))
+    assert "stopped" not in board.get("notice")["text"]
 
 
 def test_a_team_in_one_process_with_a_page(bench, tmp_path):

@@ -203,8 +203,9 @@ def shown(tab):
                 "speed": None,
                 "transitions": step,
                 "episode": 0,
+                **QUIET,
+                **more,
             },
-            **{**QUIET, **more},
         )
         wait_for(tab, f"{STEP} === {step}")
 
@@ -247,6 +248,27 @@ def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_w
         tab.evaluate("document.getElementById('silence').textContent")
         == "No question shown so far."
     )
+
+
+def test_what_cannot_be_done_after_the_end_is_disabled(tab, shown):
+    """No run goes on that is finished, stopped or gone."""
+    places = [(1, 3), (3, 3), (5, 5), (6, 6)]
+    named = "document.getElementById('pause').textContent"
+    buttons = "['pause', 'next-step', 'rate', 'reset']"
+    disabled = f"{buttons}.map((id) => document.getElementById(id).disabled)"
+    states = (
+        ("learning", "Pause", False),
+        ("paused", "Resume", False),
+        ("finished", "Pause", True),
+        ("learning", "Pause", False),
+        ("stopped", "Pause", True),
+        ("gone", "Pause", True),
+    )
+    for step, (state, name, over) in enumerate(states, start=1):
+        shown(step, places, state=state)
+        assert tab.evaluate(named) == name
+        assert tab.evaluate(disabled) == [over] * 4
+        assert tab.evaluate(STATE) == state
 
 
 WIDE = "document.documentElement.scrollWidth <= window.innerWidth"
@@ -621,12 +643,43 @@ UNNAMED = """[...document.querySelectorAll('button, input, select, svg[role], se
   .filter((one) => !(one.ariaLabel || one.labels?.length || one.textContent.trim()
     || one.getAttribute('aria-labelledby') || one.id === 'side'))
   .map((one) => one.outerHTML)"""
+"""Controls, pictures and parts of a page that a screen reader cannot name."""
 
 OUTSIDE = """[...document.body.children]
   .filter((one) => one.checkVisibility() && one.textContent.trim())
   .filter((one) => !['HEADER', 'MAIN', 'SCRIPT'].includes(one.tagName))
   .map((one) => one.outerHTML)"""
 """Elements outside of landmarks."""
+
+
+PALE = """() => {
+  const pixel = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
+  const parts = (colour) => {
+    pixel.clearRect(0, 0, 1, 1);
+    pixel.fillStyle = colour;
+    pixel.fillRect(0, 0, 1, 1);
+    const [r, g, b, alpha] = pixel.getImageData(0, 0, 1, 1).data;
+    return [r, g, b, alpha / 255];
+  };
+  const bright = (rgb) => rgb.map((p) => p / 255)
+    .map((p) => (p <= 0.03928 ? p / 12.92 : ((p + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, p, i) => sum + p * [0.2126, 0.7152, 0.0722][i], 0);
+  const under = (one) => {
+    for (let at = one; at; at = at.parentElement) {
+      const found = parts(getComputedStyle(at).backgroundColor);
+      if (found[3] === 1) return found.slice(0, 3);
+    }
+    return [255, 255, 255];
+  };
+  const written = (node) => node.nodeType === Node.TEXT_NODE && node.data.trim();
+  return [...document.body.querySelectorAll('*')]
+    .filter((one) => [...one.childNodes].some(written) && one.checkVisibility())
+    .filter((one) => !one.closest('svg, :disabled, option'))
+    .map((one) => [one, [parts(getComputedStyle(one).color).slice(0, 3), under(one)].map(bright)])
+    .filter(([, [a, b]]) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05) < 4.5)
+    .map(([one]) => one.outerHTML);
+}"""
+"""Elements with letters of less contrast than WCAG's level AA asks for."""
 
 
 @pytest.fixture(scope="module")
@@ -690,6 +743,13 @@ def test_keys_alone_reach_every_control_and_a_reader_hears_the_step(
     assert all(style != "none" and width >= 2 for _, style, width in reached)
     assert tab.evaluate(UNNAMED) == []
     assert tab.evaluate(OUTSIDE) == []
+    if not several:
+        tab.evaluate("document.getElementById('map').focus()")
+        for key in ("ArrowDown", "Enter"):
+            tab.keyboard.press(key)
+        wait_for(tab, "document.querySelectorAll('#cell [data-robot]').length === 4")
+        wait_for(tab, "document.querySelector('#dialogue .sign')")
+    assert tab.evaluate(PALE) == []
     tab.evaluate("document.activeElement.blur()")
     tab.keyboard.press("?")
     wait_for(tab, "!document.getElementById('keys').hidden")
@@ -844,6 +904,8 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     assert tab.evaluate(WIDE)
     assert "interactions=together fits" in tab.evaluate(text_of("interactions"))
     assert tab.evaluate("document.querySelectorAll('#legend span').length") == 5
+    assert tab.evaluate(PALE) == []
+    assert tab.evaluate(OUTSIDE) == []
     assert tab.evaluate(text_of("next")) == "Click the start of robot 3"
     wait_for(tab, "!document.getElementById('add-holder').hidden")
     assert "where they meet most often" in tab.evaluate(text_of("notes"))
@@ -851,13 +913,17 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     tab.keyboard.press("Enter")
     wait_for(tab, f"{text_of('advice')}.startsWith('Coordination may pay: ')")
     assert tab.evaluate(text_of("said")).startswith("doorway at x -0.10 m")
-    tab.evaluate("document.getElementById('map').focus()")
+    assert tab.evaluate("document.activeElement.id") == "map", "the button is gone"
+    top = "document.getElementById('map').getBoundingClientRect().top"
+    before = tab.evaluate(top)
     for key in ("ArrowLeft", "ArrowLeft"):
         tab.keyboard.press(key)
-    assert tab.evaluate(text_of("said")).endswith(": free cell")
+    assert tab.evaluate(top) == before, "the map stays where it is"
+    place, _, kind = tab.evaluate(text_of("said")).partition(": ")
+    assert kind == "free cell"
     tab.keyboard.press("Enter")
     wait_for(tab, "document.querySelectorAll('.start').length === 3")
-    assert tab.evaluate(text_of("said")).startswith("start of robot 3 at x ")
+    assert tab.evaluate(text_of("said")) == f"start of robot 3 at {place}"
     assert tab.evaluate(text_of("next")) == "Click the goal of robot 3"
     for undone in ("start of robot 3", "doorway at"):
         title = tab.evaluate("document.getElementById('undo').title")
@@ -868,6 +934,17 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     assert tab.evaluate("document.getElementById('undo').disabled")
     assert tab.evaluate(WIDE)
     assert tab.evaluate(UNNAMED) == []
+    for _ in range(6):
+        tab.evaluate("document.querySelector('#zoom .closer').click()")
+    for _ in range(60):  # to the wall and not beyond; the view follows
+        tab.keyboard.press("ArrowLeft")
+    inside = """(() => {
+        const mark = document.querySelector('#map .cursor').getBoundingClientRect();
+        const map = document.getElementById('map').getBoundingClientRect();
+        const middle = mark.left + mark.width / 2;
+        return map.left <= middle && middle <= map.right;
+    })()"""
+    assert tab.evaluate(inside)
     live = "[...document.querySelectorAll('[role=status], [role=alert]')]"
     assert set(tab.evaluate(f"{live}.map((one) => one.id)")) >= {
         "state",
@@ -875,13 +952,8 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
         "team",
         "said",
         "advice",
+        "next",
     }
-
-
-UNNAMED = """[...document.querySelectorAll("button, input, select, [role=application]")]
-    .filter((one) => !one.labels?.length && !one.textContent.trim()
-        && !one.getAttribute("aria-label")).map((one) => one.id)"""
-"""The controls of a page that a screen reader cannot name."""
 
 
 def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
@@ -896,6 +968,9 @@ def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
     visit(tab, address_of(process))
     wait_for(tab, "!document.getElementById('scale').hidden")
     wait_for(tab, f"{text_of('next')} === 'Say how large this picture is, above'")
+    names = "[...document.querySelectorAll('#scale input')].map((one) => one.ariaLabel)"
+    corner = ["lower left corner: x in metres", "lower left corner: y in metres"]
+    assert tab.evaluate(names) == ["width in metres", "metres a pixel", *corner]
     assert tab.evaluate("document.getElementById('save').disabled")
     press(tab, 1, 1)
     tab.fill("#width", "13")

@@ -72,6 +72,8 @@ so many time steps a second is shown once in so many seconds; a slower one at ea
 GONE_SECONDS = 4.0
 """After so long without a status the world counts as gone; it publishes one every second."""
 
+STOPPED_NOTICE = "the run was stopped before its end; the page waits for the next team"
+
 LATE_TICKS = 10
 """How much later than the next time step's an action, a reward or a state may come. Counted in
 ticks of the node: a process that was stopped has the messages in its queue."""
@@ -341,8 +343,9 @@ class WatchNode(Follower):
         """Show the world's state, and compare the received messages with it."""
         self._transitions = said.transitions
         view = self.team.view
-        if view.state == "gone":
-            view.notice("")
+        if view.state != said.state:
+            stopped = said.state == wire.RunState.STOPPED
+            view.notice(STOPPED_NOTICE if stopped else "")
         view.state = said.state
         self.team.compare(said)
 

@@ -139,9 +139,8 @@ class BagSource(controls.Played):
         self._reasons: dict[tuple[int, int], Reason | None] = {}
         self._reasons_known = 0
         self._stop = threading.Event()
-        place = self.log.bag.path
         fields = messages.run_fields(self.run)
-        title = str(place if place.is_dir() else place.parent)
+        title = str(self.log.bag.path)
         board.put("run", source="bag", title=title, controls=BAG_CONTROLS, **fields)
         board.source = self
         self._notice()

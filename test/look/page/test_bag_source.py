@@ -7,6 +7,7 @@ import re
 import shutil
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -89,6 +90,15 @@ def player(bag):
     made = Player(bag)
     yield made
     made.source.log.bag.close()
+
+
+def test_a_file_without_a_directory_is_called_by_its_name(bag, tmp_path, monkeypatch):
+    shutil.copy(bag / "bag_0.mcap", tmp_path / "cut.mcap")
+    monkeypatch.chdir(tmp_path)
+    board = MessageBoard()
+    source = BagSource(Path("cut.mcap"), board)
+    source.log.bag.close()
+    assert board.get("run")["title"] == "cut.mcap"
 
 
 def test_each_value_shown_is_the_log_s(player, bag):

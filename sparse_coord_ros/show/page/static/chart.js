@@ -3,7 +3,7 @@
 
 import { html, svg, ticks } from "/draw.js";
 
-const WIDTH = 300, HEIGHT = 170, LEFT = 38, RIGHT = 20, TOP = 8, BOTTOM = 36;
+const WIDTH = 300, HEIGHT = 170, LEFT = 46, RIGHT = 26, TOP = 10, BOTTOM = 38;
 const LABEL = 11; // the height of a label
 
 const known = (values) => values.filter((v) => v !== null);
@@ -32,7 +32,7 @@ export class Chart {
     this.picture.addEventListener("pointerleave", () => point(null));
   }
 
-  // Each line has steps, values (null: not known), attributes of its path, a label at its end.
+  // Each line has steps, values (null: not known), attributes of its path, a label at its end and the colour of its letters.
   show(lines) {
     this.lines = lines;
     this.right = Math.max(1, ...lines.map((line) => line.steps.at(-1) ?? 1));
@@ -54,12 +54,12 @@ export class Chart {
       text([this.x(tick), HEIGHT - BOTTOM + 15], short(tick), { "text-anchor": "middle" });
     }
     const ends = [];
-    for (const { steps, values, look, label } of lines) {
+    for (const { steps, values, look, label, ink } of lines) {
       const points = values.map((value, i) => value !== null && `${this.x(steps[i]).toFixed(1)},${this.y(value).toFixed(1)}`);
       const d = points.map((at, i) => at && (points[i - 1] ? "L" : "M") + at).filter(Boolean).join("");
       path(d, { class: "curve", ...look });
       const last = points.findLast(Boolean);
-      if (last && label) ends.push({ at: last.split(",").map(Number), label, fill: look.stroke ?? "currentcolor" });
+      if (last && label) ends.push({ at: last.split(",").map(Number), label, fill: ink ?? look.stroke ?? "currentcolor" });
     }
     for (const { at, label, fill } of apart(ends)) text(at, label, { class: "end", dx: 5, fill });
     this.value.textContent = this.ends();

@@ -2,7 +2,7 @@
 // Learning curves: each point is the mean of some episodes, as `run.history` has them.
 
 import { Chart } from "/chart.js";
-import { tinted } from "/draw.js";
+import { tinted, written } from "/draw.js";
 
 const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"];
 
@@ -47,7 +47,7 @@ export class Curves {
       const robots = Array.isArray(values[0]) ? [...values.entries()] : [];
       const few = robots.length <= 2;
       const lines = (few ? robots : robots.filter(([k]) => shown.has(k))).map(([k, line]) => ({
-        steps, values: line, label: String(k + 1),
+        steps, values: line, label: String(k + 1), ink: written(run.robots[k].colour),
         look: { stroke: tinted(run.robots[k].colour), "stroke-dasharray": DASHES[k], "data-robot": k + 1 } }));
       const team = (line) => ({ steps, values: line, look: { class: "curve team", "data-robot": "team" } });
       if (!few) lines.unshift(team(mean(values)));

@@ -56,6 +56,8 @@ const bright = ([r, g, b], power) => 0.2126 * (r / 255) ** power + 0.7152 * (g /
 const lifted = (colour) => parts(colour).map((p) => (bright(parts(colour), 1) < 0.45 ? Math.round(0.58 * p + 107) : p));
 const ink = (rgb) => (bright(rgb, 2.2) > 0.24 ? "#000" : "#fff");
 
+// A robot's colour in letters and thin signs: dark enough to be read where the page is light.
+export const written = (colour) => `light-dark(color-mix(in srgb, ${colour} 62%, #000), rgb(${lifted(colour)}))`;
 export const tinted = (colour) => `light-dark(${colour}, rgb(${lifted(colour)}))`;
 export const inkOn = (colour) => `light-dark(${ink(parts(colour))}, ${ink(lifted(colour))})`;
 

@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // The page of import-map: the building's picture, the cells made of it, and what clicks choose.
 
-import { $, html, inkOn, number, svg, tell, ticks, tinted } from "/draw.js";
+import { $, html, inkOn, number, svg, tell, ticks, tinted, written } from "/draw.js";
 import { Film } from "/import_film.js";
 import { connect, token } from "/stream.js";
 import { View } from "/view.js";
@@ -50,7 +50,7 @@ function disc(k, r) {
 function ring(k, r) {
   const colour = tinted(colourOf(k));
   return svg("g", {}, svg("circle", { r: 1.35 * r, fill: "none", stroke: colour, "stroke-width": r / 3 }),
-    svg("text", { x: 1.8 * r, class: "number", "font-size": 1.2 * r, fill: colour }, `${k + 1}`));
+    svg("text", { x: 1.8 * r, class: "number", "font-size": 1.2 * r, fill: written(colourOf(k)) }, `${k + 1}`));
 }
 function robots() {
   if (!chosen) return [];
@@ -95,13 +95,13 @@ function axes() {
 }
 
 function legend() {
-  const sample = (...marks) => svg("svg", { viewBox: "-16 -9 32 18", "aria-hidden": "true" }, ...marks);
+  const sample = (...marks) => svg("svg", { viewBox: "-16 -10 32 20", "aria-hidden": "true" }, ...marks);
   const entry = (words, ...marks) => html("span", {}, sample(...marks), words);
   const square = { x: -8, y: -8, width: 16, height: 16 };
   return [
     entry("free cell", svg("rect", { ...square, class: "cells" })),
     entry("doorway", svg("rect", { ...square, fill: run.doorway_colour })),
-    entry("start of robot 1", disc(0, 8)),
+    entry("start of robot 1", disc(0, 9)),
     entry("its goal", ring(0, 6)),
     entry("a place that a note names", svg("circle", { r: 7, class: "met" })),
   ];
@@ -211,9 +211,12 @@ const TAKE = {
   saved({ files }) { $("saved").textContent = `Saved: ${files.join(", ")}`; },
   team({ text: words, busy, learned }) {
     $("team").textContent = words;
+    const held = document.activeElement.id;
     $("train").hidden = busy;
     $("stop").hidden = !busy;
     $("drive").hidden = busy || !learned;
+    if (busy && ["train", "drive"].includes(held)) $("stop").focus(); // in place of a button that is gone
+    if (!busy && held === "stop") $("train").focus();
     if (!$("learning").src) $("learning").src = `/index.html?run=0${location.hash}`;
     $("learning").hidden = false;
   },
@@ -283,9 +286,11 @@ $("map").addEventListener("keydown", (event) => {
   event.preventDefault();
   const { x, y, width, height } = view.seen, from = cursor ?? metres({ x: x + width / 2, y: y + height / 2 });
   if (!by) return act(from);
-  cursor = from.map((one, axis) => one + by[axis] * (imported?.resolution ?? 1));
+  const next = from.map((one, axis) => one + by[axis] * (imported?.resolution ?? 1)), { place } = cellAt(...next);
+  if (!view.holds(...at(place))) return;
+  cursor = place;
   $("where").textContent = $("said").textContent = describe(cursor);
-  view.look();
+  view.reveal(...at(cursor));
 });
 document.addEventListener("keydown", (event) => {
   const typing = event.target.matches("input[type=number]");
@@ -314,6 +319,7 @@ $("corridors").onchange = () => choose($("corridors").checked ? "one robot at a 
 $("add-doorway").onclick = () => {
   const cell = cellAt(...prospect.doorway);
   choose(`doorway at ${inWords(cell.place)}`, (now) => doorway(now, cell));
+  $("map").focus(); // the button is gone
 };
 for (const one of document.querySelectorAll("input[name=tool]")) one.onchange = show;
 $("undo").onclick = undo;

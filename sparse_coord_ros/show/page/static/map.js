@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // The map: walls, doorways, starts, goals; what robots learned; where they are; who asks whom.
 
-import { inkOn, shape, svg, tinted } from "/draw.js";
+import { inkOn, shape, svg, tinted, written } from "/draw.js";
 import { View } from "/view.js";
 
 const UNIT = 48;
@@ -75,13 +75,12 @@ export class TeamMap extends View {
     this.run.robots.forEach((robot, k) => {
       const place = this.run.robots.slice(0, k).filter((one) => one[what] === robot[what]).length;
       const [r, c] = this.run.map.cells[robot[what]];
-      const fill = this.colours[k];
       if (what === "goal") {
         const dashes = { "stroke-dasharray": "7 4", "stroke-dashoffset": 3 * place };
-        this.layer.marks.append(this.square(robot.goal, 6 - 0.8 * place, { class: "goal", stroke: fill, ...dashes }));
+        this.layer.marks.append(this.square(robot.goal, 6 - 0.8 * place, { class: "goal", stroke: this.colours[k], ...dashes }));
       }
       const at = { x: c * UNIT + 10 + (place % 4) * 12.5, y: r * UNIT + top + Math.floor(place / 4) * line };
-      this.layer.marks.append(svg("text", { ...at, class: "label", fill }, `${letter}${k + 1}`));
+      this.layer.marks.append(svg("text", { ...at, class: "label", fill: written(robot.colour) }, `${letter}${k + 1}`));
     });
   }
 

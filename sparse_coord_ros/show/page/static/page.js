@@ -21,6 +21,7 @@ const JUMPS = {
   crossing: ["First crossing", "c", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
 };
 const HELD = ["paused", "ended", "finished", "stopped"];
+const OVER = ["finished", "stopped", "gone"]; // nothing goes on
 
 let newest = {}; // message of each type
 let mayControl = false, sliding = -1e9;
@@ -91,7 +92,10 @@ function showControls() {
   }
 }
 
-const setState = (text) => { $("state").textContent = $("state").dataset.state = text; };
+// Says what the team is doing; a reader hears it once.
+function setState(text) {
+  if ($("state").dataset.state !== text) $("state").textContent = $("state").dataset.state = text;
+}
 
 // A run: what stays while it is shown.
 function begin() {
@@ -147,8 +151,9 @@ function showFrame() {
   if (frame.episodes !== undefined) showEpisodes(frame.episodes, frame.counted_to < frame.step);
   else if (!curves) showEpisodes(frame.episode + 1);
   setState(frame.state);
-  $("pause").textContent = frame.state === "ended" ? "Play again" : held ? "Resume" : "Pause";
+  $("pause").textContent = frame.state === "ended" ? "Play again" : frame.state === "paused" ? "Resume" : "Pause";
   $("start").disabled = !["finished", "stopped"].includes(frame.state);
+  for (const id of ["pause", "next-step", "rate", "reset"]) $(id).disabled = OVER.includes(frame.state);
   if (document.activeElement !== $("rate")) {
     const options = [...$("rate").options].map((one) => one.value);
     const rate = frame.rate ?? UNKNOWN;

@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // What stands beside the map in words and numbers: Q* of a cell, questions, the team's value.
 
-import { $, html, number, tinted } from "/draw.js";
+import { $, html, number, tinted, written } from "/draw.js";
 
 const row = (kind, texts) => html("tr", {}, ...texts.map((text) => html(kind, {}, text)));
 
@@ -35,7 +35,7 @@ function valuesRow(title, values, k, colour) {
   const best = Math.max(...values.filter((v) => v !== null));
   const one = row("td", [title, ...values.map((v) => (v === null ? "–" : v.toFixed(2)))]);
   values.forEach((v, i) => { if (v === best) one.cells[i + 1].className = "best"; });
-  one.cells[0].style.color = tinted(colour);
+  one.cells[0].style.color = written(colour);
   one.dataset.robot = k + 1;
   return one;
 }
@@ -71,17 +71,20 @@ export function dialoguePanel(run, { entries = [], since = null }) {
   $("silence").hidden = entries.length > 0;
   const shown = run.source === "bag" ? "" : " shown"; // a live page shows some of them
   $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since time step ${number(since)}.`;
+  const held = document.activeElement.closest("#dialogue li")?.dataset.key;
   const opened = new Set([...$("dialogue").children].filter((item) => item.querySelector("details").open).map((item) => item.dataset.key));
   $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
-    mark.style.color = tinted(colour);
+    mark.style.color = written(colour);
     const item = html("li", {}, mark, html("span", { className: "at" }, `time step ${entry.step}: `), entry.text,
       html("details", { open: opened.has(`${entry.step} ${entry.robot}`) }, html("summary", {}, "details"), entry.lines.join("; ")));
     item.dataset.key = `${entry.step} ${entry.robot}`;
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
     return item;
   }));
+  const same = [...$("dialogue").children].find((item) => item.dataset.key === held);
+  same?.querySelector("summary").focus({ preventScroll: true });
 }
 
 // What the yardsticks are, where they stand: teams that were found, and what no team can exceed.

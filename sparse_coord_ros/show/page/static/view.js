@@ -54,6 +54,18 @@ export class View {
     this.look();
   }
 
+  holds(x, y) {
+    const { whole } = this;
+    return x >= whole.x && x <= whole.x + whole.width && y >= whole.y && y <= whole.y + whole.height;
+  }
+
+  // Pans as little as shows a place.
+  reveal(x, y) {
+    const { seen } = this;
+    const outside = (at, low, size) => Math.min(0, at - low) + Math.max(0, at - low - size);
+    this.pan(outside(x, seen.x, seen.width), outside(y, seen.y, seen.height));
+  }
+
   // Pans where a pointer that moves is pressed; returns whether it is.
   drag(event) {
     if (event.buttons !== 1 || !this.pressed) return false;
