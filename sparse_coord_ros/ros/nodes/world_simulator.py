@@ -345,8 +345,11 @@ class WorldSimulator(ParameterNode):
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if 0 < self.values["lost_timeout"] <= stands:
-            why = f"the world has waited for {stands:.0f} s for {names}; everything is saved"
-            raise RunError(f"lost_timeout: step {side.world.step}: {why}")
+            why = f"the world has waited for {stands:.0f} s for {names}"
+            saved = "all is saved; start all nodes again with parameter resume"
+            if not self.values["out"]:
+                saved = "parameter 'out' is empty: the run is not saved"
+            raise RunError(f"lost_timeout: step {side.world.step}: {why}; {saved}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
         ):
