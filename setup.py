@@ -16,7 +16,9 @@ setup(
     name=PACKAGE,
     version="2.0.0",
     description="Robots that learn when and how to coordinate (Melo & Veloso 2009), on ROS 2",
-    long_description=Path("README.md").read_text(encoding="utf-8"),
+    long_description=(Path(__file__).resolve().parent / "README.md").read_text(
+        encoding="utf-8"
+    ),
     long_description_content_type="text/markdown",
     author="The sparse_coord_ros authors",
     maintainer="The sparse_coord_ros authors",

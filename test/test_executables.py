@@ -26,6 +26,15 @@ def test_only_one_command_is_on_the_path():
     assert re.findall(r'"(\w+) = [\w.]+:\w+"', said) == ["sparse_coord"]
 
 
+def test_setup_runs_from_a_folder_of_links(tmp_path):
+    """As `colcon build --symlink-install` makes one."""
+    (tmp_path / "setup.py").symlink_to(ROOT / "setup.py")
+    command = [sys.executable, "setup.py", "--name"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["sparse_coord_ros"]
+
+
 @pytest.mark.parametrize(
     "command", [["scripts/robot"], ["-m", "sparse_coord_ros.executables", "robot"]]
 )

@@ -26,6 +26,7 @@ from sparse_coord_ros.ros.nodes import (
     player,
     recorder,
     robot,
+    spin,
     team,
     world_simulator,
 )
@@ -203,6 +204,36 @@ def test_a_bad_parameter_ends_an_executable_with_one_line(
     assert text in line
 
 
+ARGUMENTS = [
+    (["--help"], "argument '--help': is no ROS argument"),
+    (["-p", "out:=runs"], "argument '-p': is no ROS argument"),
+    (
+        ["--ros-args", "-p", "out=runs"],
+        "ROS: Couldn't parse parameter override rule: '-p out=runs'",
+    ),
+    (
+        ["--ros-args", "-r", "__ns:=team_a"],
+        "ROS: Couldn't parse remap rule: '-r __ns:=team_a'",
+    ),
+    (
+        ["--ros-args", "--params-file", "absent.yaml"],
+        "ROS: Couldn't parse params file: '--params-file absent.yaml'. Error: Error opening YAML "
+        "file",
+    ),
+    (["--ros-args", "--colour"], "ROS: ['--colour']"),
+]
+"""Arguments, and what is said of them."""
+
+
+@pytest.mark.parametrize(("words", "text"), ARGUMENTS)
+def test_arguments_that_ros_cannot_read_are_refused(capfd, monkeypatch, words, text):
+    monkeypatch.setattr(sys, "argv", ["robot", *words])
+    assert robot.main() == 2
+    said = capfd.readouterr().err.splitlines()
+    lines = [line for line in said if "[rcl]" not in line]
+    assert lines == [f"error: {text}; {spin.ARGUMENTS}"]
+
+
 def set_one(observer, name, value):
     request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
     return observer.call(
@@ -223,6 +254,10 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     result = set_one(observer, "rate", double(-1.0))
     assert not result.successful
     assert "allowed: 0, or a number from 0.001" in result.reason
+    numbers = ParameterValue(
+        type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=[1.0]
+    )
+    assert "value is [1.0], allowed" in set_one(observer, "rate", numbers).reason
     assert world.values["rate"] == 0.001
     assert set_one(observer, "rate", double(100.0)).successful
     bench.spin_until(lambda: world.lockstep.world.transitions >= 10, "ten steps")

@@ -144,13 +144,14 @@ def test_a_second_world_stops(bench):
     bench.spin_until(lambda: first.lockstep.complete, "the first goes on")
 
 
-def ends_without(bench, world, *missing):
-    """Let a world give up once it lacks just these, and check that it names them."""
+def ends_without(bench, world, *missing, start):
+    """Let a world give up once it lacks just these; it names them, and what starts the first."""
     bench.spin_until(
         lambda: world.topics.missing() == [*missing], f"it lacks {missing}"
     )
     world.values["startup_timeout"] = 0.001
-    text = f"^startup_timeout: .* {re.escape(', '.join(missing))};"
+    text = f"^startup_timeout: .* {re.escape(', '.join(missing))};.*: ros2 run "
+    text += re.escape(f"sparse_coord_ros {start}") + "$"
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 
@@ -160,14 +161,21 @@ def test_robots_that_are_missing_are_named(bench, monkeypatch):
     world = bench.world(scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
-    ends_without(bench, world, "robot_2", "robot_4")
+    start = "robot --ros-args -r __node:=robot_2"
+    ends_without(bench, world, "robot_2", "robot_4", start=start)
 
 
 def test_a_recorder_that_is_missing_is_named(bench):
     """The robots wait for it too."""
     world = bench.world(recorded=True)
     bench.robots()
-    ends_without(bench, world, "robot_1", "robot_2", "recorder")
+    ends_without(bench, world, "robot_1", "robot_2", "recorder", start="recorder")
+
+
+def test_a_robot_that_is_missing_in_a_namespace_is_started_there(bench):
+    world = bench.world(namespace="/team_a")
+    start = "robot --ros-args -r __node:=robot_1 -r __ns:=/team_a"
+    ends_without(bench, world, "robot_1", "robot_2", start=start)
 
 
 def test_a_greedy_robot_without_tables(bench):

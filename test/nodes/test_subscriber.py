@@ -16,10 +16,8 @@ def test_a_message_that_does_not_fit_is_said_once_a_topic_and_counted():
         subscriber.drop("/a", "has two\nlines")
     subscriber.drop("/b", ValueError("is none"), "the answer is not used")
     assert lines == [
-        "/a: has two lines; message dropped; further ones of this topic are only counted "
-        "(diagnostics)",
-        "/b: is none; the answer is not used; further ones of this topic are only counted "
-        "(diagnostics)",
+        "/a: has two lines; message dropped; further ones are only counted (diagnostics)",
+        "/b: is none; the answer is not used; further ones are only counted (diagnostics)",
     ]
     assert subscriber.dropped == {"/a": 3, "/b": 1}
     assert subscriber.total == 8

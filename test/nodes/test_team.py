@@ -38,7 +38,7 @@ def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     response = observer.call(Trigger, "world_simulator/reset")
-    assert (response.success, response.message) == (True, "episode 1 begins")
+    assert (response.success, response.message) == (True, "episode 2 begins")
     assert world.lockstep.world.step == 3, "two steps later"
     bench.spin_until(lambda: world.lockstep.complete, "new actions")
     assert world.lockstep.world.transitions == 0
@@ -59,10 +59,26 @@ def test_reset_and_save_say_why_they_cannot(bench):
     bench.world()
     response = observer.call(Trigger, "world_simulator/reset")
     assert (response.success, response.message) == (False, "the run is not under way")
+    response = observer.call(Trigger, "world_simulator/step")
+    assert not response.success
+    assert response.message == "paused; the run is not under way"
     bench.robot("robot_1")
     response = observer.call(Trigger, "robot_1/save")
     assert not response.success
     assert "'out'" in response.message
+
+
+def test_a_step_that_waits_for_a_robot_names_it(bench):
+    observer = bench.observer()
+    world = bench.world(rate=0.001)
+    first, _ = bench.robots()
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    bench.destroy(first)
+    assert observer.call(Trigger, "world_simulator/step").success
+    bench.spin_until(lambda: world.lockstep.missing() == [0], "the other has acted")
+    response = observer.call(Trigger, "world_simulator/step")
+    assert not response.success
+    assert response.message == "paused; waits for the action of robot_1: call again"
 
 
 def test_a_peer_is_answered_where_it_is_on_the_map(bench):

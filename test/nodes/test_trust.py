@@ -12,6 +12,7 @@ from recordings import recorded
 from std_msgs.msg import String
 from teams import THEIRS, forgotten, untrained
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
@@ -153,6 +154,10 @@ def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
         f"begins with the tables of '{tmp_path}', but parameter 'tables' of this robot is empty"
         in capfd.readouterr().err
     )
+    robot.values["startup_timeout"] = 0.001
+    text = "^startup_timeout: node robot_1 cannot follow the run on /run: .* begins with the"
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
 
 
 def test_a_world_is_told_by_its_own_parameters(bench, beside):

@@ -55,7 +55,7 @@ class Setting:
         if self.kind is bool:
             return "true or false"
         if self.kind not in (int, float):
-            return "a text" if self.kind is str else "a list of texts"
+            return "a text" if self.kind is str else "a list of texts, as in [a, b]"
         words = "a whole number" if self.kind is int else "a number"
         words = words if self.least is None else f"0, or {words}"
         return in_range(

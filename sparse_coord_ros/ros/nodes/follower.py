@@ -63,6 +63,7 @@ class Follower(ParameterNode):
         self.status: RunStatus | None = None
         self.presence: WorldPresence | None = None
         self._missing = Reminder()
+        self._refused = ""
         self._reported = time.monotonic()
         self._stopping: float | None = None
         self.subscriber.listen(ros_topics.RUN, self._on_run, unpack=self._read_run)
@@ -81,12 +82,19 @@ class Follower(ParameterNode):
         """Wait for the announcement of a run; called with every tick until it comes.
 
         Raises:
-            RunError: no world simulator has announced one within `startup_timeout`.
+            RunError: no world simulator has announced one that the node can follow within
+                `startup_timeout`.
         """
         topic = self.resolve_topic_name(ros_topics.RUN.name)
         limit = self.values["startup_timeout"]
-        self.remind(self.reminder, f"a world simulator on {topic}", START_A_WORLD)
+        which = "another" if self._refused else "a"
+        self.remind(self.reminder, f"{which} world simulator on {topic}", START_A_WORLD)
         if 0 < limit < time.monotonic() - self.born:
+            if self._refused:
+                raise RunError(
+                    f"startup_timeout: node {self.get_name()} cannot follow the run on {topic}: "
+                    f"{self._refused}"
+                )
             raise RunError(
                 f"startup_timeout: node {self.get_name()} found no world simulator on {topic} "
                 f"within {limit:g} s; {START_A_WORLD}"
@@ -143,8 +151,12 @@ class Follower(ParameterNode):
         if self.run is not None and identity == self.run.id:
             return None
         if self.presence is None:
-            run = read_run(data)
-            self.check(run)
+            try:
+                run = read_run(data)
+                self.check(run)
+            except Exception as error:
+                self._refused = " ".join(str(error).split())
+                raise
             return run
         if not identity:
             raise ValueError("names no run")

@@ -4,6 +4,7 @@
 
 import functools
 import time
+from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
@@ -401,7 +402,7 @@ class ParameterNode(Node):
 
     def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            changed = {p.name: p.value for p in parameters if p.name in self._table}
+            changed = {p.name: _plain(p) for p in parameters if p.name in self._table}
             self.values.update(self.parse(self._table, changed))
         except SettingError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -414,6 +415,12 @@ class ParameterNode(Node):
             shown = value if isinstance(value, bool | int | float) else str(value)
             descriptor = _descriptor(setting, read_only=True)
             self.declare_parameter(name, shown, descriptor, ignore_override=True)
+
+
+def _plain(parameter: Parameter) -> Any:
+    """Return a parameter's value; rclpy makes arrays of lists of numbers."""
+    value = parameter.value
+    return list(value) if isinstance(value, array) else value
 
 
 def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:

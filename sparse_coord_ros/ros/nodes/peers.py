@@ -293,7 +293,7 @@ class Peers:
             if step and asker not in self._names:
                 raise ValueError(f"asker {asker!r} is no robot of the scenario")
         except ValueError as error:
-            self._subscriber.drop(self._service, error)
+            self._subscriber.drop(self._service, error, "request refused")
             answer = Answer(self._side.newest[0], None)
         else:
             number = self._names.index(asker) if asker in self._names else 0

@@ -359,6 +359,8 @@ class Member:
         step = self.lockstep.newest[0]
         if self.joined and step == NO_STEP:
             self._node.remind(self._node.reminder, "the world to begin")
+        elif self.joined:
+            self._node.reminder.over()
         self.output.count({})
         values = {
             **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},

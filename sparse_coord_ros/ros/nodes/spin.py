@@ -3,6 +3,7 @@
 """Contexts, executors, signals and exit codes of every executable."""
 
 import faulthandler
+import re
 import signal
 import sys
 import time
@@ -20,6 +21,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 
 from sparse_coord_ros.base import errors
 from sparse_coord_ros.base.signals import STOPPING
@@ -42,6 +44,15 @@ after the other: a separate call for each would cost a tenth of a time step."""
 
 MATCH_SECONDS = 1.0
 """How long the readers of /rosout may take to find the publisher of a node's last message."""
+
+ARGUMENTS = (
+    "write --ros-args, then -p NAME:=VALUE, --params-file FILE, -r __node:=NAME or "
+    "-r __ns:=/NAME; names have letters, digits and _"
+)
+"""The remedy for arguments that ROS cannot read."""
+
+OF_RCL = re.compile(r"(\. Error: (Expected lexeme|error not set).*|, at /\S+:\d+.*)$")
+"""The part of an error of rcl that only its authors understand."""
 
 PATIENCE_SECONDS = 3.0
 SHUTDOWN_SECONDS = 10.0
@@ -107,18 +118,30 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     """Open a ROS context of its own, without ROS's signal handlers; see `repair_promptly` too.
 
     Args:
-        args: command line with `--ros-args`; None: no arguments.
+        args: the command line: a program's name, then `--ros-args`; None: no arguments.
+
+    Raises:
+        RunError: other arguments, or such that ROS cannot read.
     """
     repair_promptly()
     check_security()
     ros_domain()  # an error now, in one line
     leftovers(remove=True)  # of killed processes
     context = Context()
+    words = list(args or ())
     try:
+        more = remove_ros_args(words)[1:]
+        if more:
+            raise errors.RunError(
+                f"argument {more[0]!r}: is no ROS argument; {ARGUMENTS}"
+            )
         none = SignalHandlerOptions.NO
-        rclpy.init(args=list(args or ()), context=context, signal_handler_options=none)
+        rclpy.init(args=words, context=context, signal_handler_options=none)
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
-        raise errors.RunError(f"ROS: {' '.join(str(error).split())}") from None
+        said = " ".join(str(error).split())
+        what = OF_RCL.sub("", said.rpartition("failed to initialize rcl: ")[2])
+        what = what.removeprefix("Failed to parse ROS arguments: ")
+        raise errors.RunError(f"ROS: {what.rstrip(' .')}; {ARGUMENTS}") from None
     try:
         yield context
     finally:

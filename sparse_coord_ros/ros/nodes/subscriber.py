@@ -88,8 +88,8 @@ class Subscriber:
         self.dropped[name] += 1
         if self.dropped[name] == 1:
             self._node.get_logger().warning(
-                f"{name}: {' '.join(str(why).split())}; {done}; further ones of this topic are "
-                "only counted (diagnostics)"
+                f"{name}: {' '.join(str(why).split())}; {done}; further ones are only "
+                "counted (diagnostics)"
             )
 
     @property

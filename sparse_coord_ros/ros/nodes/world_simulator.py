@@ -5,6 +5,7 @@
 import math
 import time
 import uuid
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -24,7 +25,7 @@ from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire import WORLD, services
+from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.ros.nodes.guard import Guard
 from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
@@ -55,6 +56,8 @@ EVENTS = (
 """A world's counters of its run's faults, earlier processes included."""
 
 HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them continue"
+
+NOT_UNDER_WAY = "the run is not under way"
 
 PROGRESS_SECONDS = 5.0
 """Between two lines of progress."""
@@ -203,25 +206,31 @@ class WorldSimulator(ParameterNode):
 
     def _on_reset(self) -> tuple[bool, str]:
         if not self.speed.begun or self.lockstep.finished:
-            return False, "the run is not under way"
+            return False, NOT_UNDER_WAY
         self.lockstep.new_episode()
-        return True, f"episode {self.lockstep.world.episode} begins"
+        return True, f"episode {self.lockstep.world.episode + 1} begins"
 
     def _on_step(self) -> tuple[bool, str]:
         """Pause, and make one time step if every robot has acted."""
         if self._halted:
             return False, HALTED
+        if self.done:
+            return False, NOT_UNDER_WAY
         self._paused = True
-        step = self.lockstep.world.step
-        ready = self.speed.begun and self.lockstep.complete and not self.done
+        side = self.lockstep
+        step = side.world.step
+        ready = self.speed.begun and side.complete
         if ready:
             self._single = True
             self._advance_where_due()
         if not self.done:
             self._say()
-        if not ready:
-            return False, "the run is not under way, or a robot has not acted yet"
-        return True, f"step {step}"
+        if ready:
+            return True, f"paused after time step {step}"
+        if not self.speed.begun:
+            return False, f"paused; {NOT_UNDER_WAY}"
+        silent = ", ".join(self._names[k] for k in side.missing() or side.absent)
+        return False, f"paused; waits for the action of {silent}: call again"
 
     # The course of the run.
 
@@ -268,6 +277,20 @@ class WorldSimulator(ParameterNode):
             missing = missing + self.bodies.missing()
         return missing
 
+    def _start_of(self, missing: Sequence[str]) -> str:
+        """Return the command that starts the first missing node; robots wait for a recorder."""
+        node = missing[0].partition(" ")[0]
+        started = missing[0]  # a driver
+        if RECORDER in missing:
+            started = RECORDER
+        elif node in self._names:
+            started = f"robot --ros-args -r __node:={node}"
+        space = self.get_namespace()
+        if space != "/":
+            started += "" if "--ros-args" in started else " --ros-args"
+            started += f" -r __ns:={space}"
+        return f"ros2 run sparse_coord_ros {started}"
+
     def _start_when_complete(self, now: float) -> None:
         missing = self.returning.resume() or self._missing()
         if missing:
@@ -276,9 +299,7 @@ class WorldSimulator(ParameterNode):
             if 0 < limit < now - self.born:
                 raise RunError(
                     f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
-                    "start each one: ros2 run sparse_coord_ros recorder (robots wait for it, "
-                    "too), "
-                    f"or robot --ros-args -r __node:={self._names[0]}"
+                    f"start each one, as in: {self._start_of(missing)}"
                 )
             return
         self.guard.join()
@@ -326,8 +347,11 @@ class WorldSimulator(ParameterNode):
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if 0 < self.values["lost_timeout"] <= stands:
-            why = f"the world has waited for {stands:.0f} s for {names}; everything is saved"
-            raise RunError(f"lost_timeout: step {side.world.step}: {why}")
+            why = f"the world has waited for {stands:.0f} s for {names}"
+            saved = "all is saved; start all nodes again with parameter resume"
+            if not self.values["out"]:
+                saved = "parameter 'out' is empty: the run is not saved"
+            raise RunError(f"lost_timeout: step {side.world.step}: {why}; {saved}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
         ):
