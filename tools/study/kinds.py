@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from functools import cache
 from itertools import product
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.game.unseen import HELP_PLACES, HELPING, KINDS, VERSIONS
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.studies.catalogue import LONG
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.report.text import percent
 from sparse_coord_ros.studies.standings import standing
 from tools.study.coordination import RULES, Found, Rows, Study
 
