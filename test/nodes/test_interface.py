@@ -451,3 +451,14 @@ def test_a_finished_run_has_no_new_episode(bench):
         said = observer.call(Trigger, f"world_simulator/{service}")
         assert not said.success and said.message.startswith("the run is not under way")
     assert world.lockstep.world.episode == episode
+
+
+def test_a_robot_names_the_folder_of_its_tables(team, capfd):
+    """The team's tables are joined at the end: the robot's own file is gone then."""
+    [robot, *_] = team.robots
+    capfd.readouterr()
+    robot.finish(interrupted=True)
+    said = capfd.readouterr().err
+    where = robot.values["out"]
+    assert f"saved its tables in {where}\n" in said
+    assert ".npz" not in said
