@@ -12,7 +12,6 @@ case is computed in a child process, which a case may kill. Exit code 1 where th
 """
 
 import argparse
-import gc
 import json
 import math
 import os
@@ -22,6 +21,7 @@ import select
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 import traceback
@@ -135,19 +135,35 @@ def compute(
 
 
 def begin(name: str, seed: int, first: int, sample: Path, pipe: int) -> None:
-    """Be the child process."""
+    """Be the child process; see `started`."""
 
     def say(what: list) -> None:
         os.write(pipe, json.dumps(what).encode() + b"\n")
 
-    gc.freeze()  # ROS objects that earlier tests left cannot be collected in a forked process
     try:
-        os.setpgid(0, 0)
         compute(name, seed, first, sample, say)
     except BaseException:
         say([-1, f"before a case: {traceback.format_exc()[-900:]}", "-"])
     finally:
         os._exit(1)
+
+
+def started(
+    name: str, seed: int, first: int, sample: Path, pipe: int
+) -> subprocess.Popen[bytes]:
+    """Start the child process. A forked one would lack the threads of ROS, and wait for them."""
+    given = (name, seed, first, str(sample), pipe)
+    code = (
+        "from pathlib import Path; from fuzz.driver import begin; "
+        f"name, seed, first, sample, pipe = {given!r}; "
+        "begin(name, seed, first, Path(sample), pipe)"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        pass_fds=[pipe],
+        process_group=0,
+    )
 
 
 def lines(pipe: int, end: float) -> Iterator[list[Any]]:
@@ -184,10 +200,7 @@ def fuzz(
     end = time.monotonic() + seconds
     while time.monotonic() < end and case <= last and len(findings) < MOST:
         ours, theirs = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.close(ours)
-            begin(name, seed, case, sample, theirs)
+        child = started(name, seed, case, sample, theirs)
         os.close(theirs)
         for number, *said in lines(ours, end):
             case = number if number >= 0 else case
@@ -198,8 +211,8 @@ def fuzz(
             if case > last or len(findings) >= MOST or number < 0:
                 break
         with suppress(OSError):
-            os.killpg(child, signal.SIGKILL)
-        os.waitpid(child, 0)
+            os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
         os.close(ours)
     return came, findings
 

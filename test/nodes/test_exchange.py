@@ -82,7 +82,7 @@ def test_a_robot_keeps_its_tables_where_a_peer_says_nothing(
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.team.RobotNode", Silent)
     out = tmp_path / "out"
     with ros_context() as context:
-        run_team(values(out, step_timeout=0.6, percept_timeout=0.5), context=context)
+        run_team(values(out, step_timeout=3.0, percept_timeout=1.0), context=context)
     assert "robot_2 did not share tables" in capfd.readouterr().err
     learned = tables_in(out)
     plan = tables_in(out / "improved")

@@ -43,7 +43,8 @@ def test_a_world_ends_without_a_robot_as_it_is_told(bench, team, values, said):
 
 
 def test_a_world_goes_on_without_a_robot(bench, team):
-    world, _, robot = team(lost_robot="go_on")
+    limits = {"step_timeout": 10.0, "percept_timeout": 2.0}
+    world, _, robot = team(lost_robot="go_on", **limits)
     bench.destroy(robot)
     then = world.lockstep.world.transitions + 50
     bench.spin_until(lambda: world.lockstep.world.transitions > then, "it goes on")
