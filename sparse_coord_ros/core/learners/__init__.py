@@ -1,3 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learners: one file for each algorithm, and the modules that they share."""
+"""Learners: one file for each algorithm, and the modules that they share.
+
+The parts of `factored`: `own_moves`, `corrections`, `looking_back`, `factored_memory`.
+"""
