@@ -140,7 +140,9 @@ class BagSource(controls.Played):
         self._reasons_known = 0
         self._stop = threading.Event()
         fields = messages.run_fields(self.run)
-        title = str(self.log.bag.path)
+        place = self.log.bag.path
+        in_a_folder = place.is_file() and place.parent.name != ""
+        title = str(place.parent if in_a_folder else place)
         board.put("run", source="bag", title=title, controls=BAG_CONTROLS, **fields)
         board.source = self
         self._notice()

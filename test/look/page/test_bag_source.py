@@ -99,6 +99,10 @@ def test_a_file_without_a_directory_is_called_by_its_name(bag, tmp_path, monkeyp
     source = BagSource(Path("cut.mcap"), board)
     source.log.bag.close()
     assert board.get("run")["title"] == "cut.mcap"
+    whole = MessageBoard()
+    source = BagSource(bag, whole)
+    source.log.bag.close()
+    assert whole.get("run")["title"] == str(bag)
 
 
 def test_each_value_shown_is_the_log_s(player, bag):
