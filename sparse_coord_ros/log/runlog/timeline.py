@@ -171,6 +171,7 @@ def gaps(
     heard_to: Sequence[int],
     backs: Sequence[Rollback],
     last_status: int,
+    late: bool,
 ) -> tuple[list[LostSteps], list[Rollback]]:
     """Return the gaps between the files of a bag, and the roll-backs with their `until`.
 
@@ -187,6 +188,7 @@ def gaps(
         backs: the roll-backs.
         last_status: the time step of the world's last status. A recorder that comes back after the
             run's end receives only that.
+        late: whether the run may have begun before the recorder.
     """
     rollback_of = {back.file: back for back in backs}
     found: list[LostSteps] = []
@@ -212,6 +214,10 @@ def gaps(
                 found.append(LostSteps(min(killed_at + 1, first - 1), first - 1))
             if first < begin:  # the recorder came back while the team went back
                 found.append(LostSteps(first, begin - 1))
+        elif not place and late and len(steps):
+            first = max(int(steps.min()), heard[0])
+            if first > 1:
+                found.append(LostSteps(1, first - 1))
         elif why == RESTARTED and place == len(clocks) - 1:
             if last_status - end > EPISODE_GAP:
                 found.append(LostSteps(end + 1, last_status))
