@@ -281,7 +281,7 @@ def test_positions_count_from_the_first_message_of_the_bag(bench, tmp_path):
             writer.write(late if second in (3, 4) else early, text, at, at)
     there = Audience(bench, tmp_path / "bag", topics=["/b"], position=1.0)
     assert there.pause(True) == "paused at 1.000 s"
-    assert there.step() == (True, "paused at 3.000 s: 1 messages")
+    assert there.step() == (True, "paused at 3.000 s: 1 message")
     assert there.set("position", 4.0).successful
     assert there.pause(True) == "paused at 4.000 s"
     assert "allowed: a number from 0 to 4" in there.set("position", 5.0).reason

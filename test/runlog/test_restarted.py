@@ -67,6 +67,34 @@ def test_tables_that_come_again_are_known(restarted):
     assert found.same
 
 
+LATCHED = ("/map", "/markers", "/status", "/robot_1/coordination_map")
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_recorder_may_come_late_if_the_world_does_not_wait_for_it(
+    record, rewritten, tmp_path, waits
+):
+    """It gets the last message of each latched topic."""
+    late = 40
+    run = record(settings={"steps": 250}, values={"recorded": waits})
+    cut = round(late * run.run.step_period * 1e9)
+
+    def heard(messages):
+        earlier = [one for one in messages if one.log_time_ns < cut]
+        latched = {one.topic: one for one in earlier if one.topic in LATCHED}
+        kept = [one for one in earlier if one.topic == "/run"] + [*latched.values()]
+        return kept + [one for one in messages if one.log_time_ns >= cut]
+
+    found = verify(rewritten(run.bag, tmp_path / "bag", heard))
+    if waits:
+        assert found.differences
+        return
+    assert found.differences == ()
+    (gap,) = found.log.gaps
+    assert gap.first == 1 and late <= gap.last + 1 <= late + 2
+    assert [one[:2] for one in found.unknown] == [(0, 149)]
+
+
 @pytest.mark.parametrize("at", [2, AT])
 def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     def end(messages):

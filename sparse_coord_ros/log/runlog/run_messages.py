@@ -255,8 +255,9 @@ class RunMessages:
             for status in rows:
                 if status is not OF_NO_RUN:
                     last_status = status.step
+        late = not self.run.recorded
         return timeline.gaps(
-            self.bag, clocks, heard, heard_to, self._backs, last_status
+            self.bag, clocks, heard, heard_to, self._backs, last_status, late
         )
 
     def _take_jumps(self, jumps: Sequence[timeline.Jump]) -> None:

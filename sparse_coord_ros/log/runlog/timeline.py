@@ -171,6 +171,7 @@ def gaps(
     heard_to: Sequence[int],
     backs: Sequence[Rollback],
     last_status: int,
+    late: bool,
 ) -> tuple[list[LostSteps], list[Rollback]]:
     """Return the gaps between the files of a bag, and the roll-backs with their `until`.
 
@@ -187,6 +188,7 @@ def gaps(
         backs: the roll-backs.
         last_status: the time step of the world's last status. A recorder that comes back after the
             run's end receives only that.
+        late: whether the run may have begun before the recorder.
     """
     rollback_of = {back.file: back for back in backs}
     found: list[LostSteps] = []
@@ -201,15 +203,19 @@ def gaps(
             end = min(end, back.first - 1)
         file = bag.files[place]
         why = None if file.continued is None else file.continued.get("why")
-        if place and len(steps):
-            if back is not None or why != SPLIT:
-                begin = int(steps.min())
-                first = begin if back is None else back.first
-                if why == RESTARTED:
-                    first = max(first, heard[place])
-                found += _between(end, first, killed_at)
-                if first < begin:  # the recorder came back while the team went back
-                    found.append(LostSteps(first, begin - 1))
+        follows = back is not None or why != SPLIT
+        if place and follows and len(steps):
+            begin = int(steps.min())
+            first = begin if back is None else back.first
+            if why == RESTARTED:
+                first = max(first, heard[place])
+            found += _between(end, first, killed_at)
+            if first < begin:  # the recorder came back while the team went back
+                found.append(LostSteps(first, begin - 1))
+        elif not place and late and len(steps):
+            first = max(int(steps.min()), heard[0])
+            if first > 1:
+                found.append(LostSteps(1, first - 1))
         elif why == RESTARTED and place == len(clocks) - 1:
             found += _after_the_end(end, last_status)
         end = max(end, int(steps.max(initial=0)))

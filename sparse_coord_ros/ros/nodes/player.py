@@ -148,7 +148,9 @@ class Player(ParameterNode):
             self._begin()
         elif not self._playback.step():
             return False, f"the bag has ended at {self._position:.3f} s; {REMEDY}"
-        return True, f"{self._state()}: {self._playback.published - before} messages"
+        count = self._playback.published - before
+        what = "message" if count == 1 else "messages"
+        return True, f"{self._state()}: {count} {what}"
 
     def _state(self) -> str:
         doing = (
