@@ -201,8 +201,8 @@ def highlight(
     go after this answer; at a doorway at which the other one is, too, in another cell; best where
     several robots do so at once; goes where it would not go without the answer; and all arrive
     without a miscoordination. Cells that a greedy robot reaches from its start come first: an
-    episode of learning may begin elsewhere. Of episodes that show as much those come first in which
-    robots help each other.
+    episode of learning may begin elsewhere. Of episodes that show as much those come first in
+    which robots help each other.
 
     Args:
         log: the part, with at least one episode.
