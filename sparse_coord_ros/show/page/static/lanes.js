@@ -17,8 +17,9 @@ export class Lane {
     });
   }
 
-  // Each row has a kind, and shares of the time line from 0 to 1.
-  show(rows) {
+  // Each row has a kind, and shares of the time line from 0 to 1. Rows with ticks share the lane's height.
+  show(all) {
+    const rows = all.filter(([, shares]) => shares.length > 0);
     const height = HEIGHT / rows.length;
     this.picture.replaceChildren(svg("rect", { width: WIDTH, height: HEIGHT, class: "lane" }), ...rows.map(([kind, shares], row) =>
       svg("path", { class: `mark ${kind}`, d: shares.map((share) => `M${(WIDTH * share).toFixed(1)},${row * height + 0.5}v${height - 1}`).join("") })));
