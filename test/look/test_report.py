@@ -59,7 +59,7 @@ def test_a_page_has_no_markdown_and_its_pictures_have_whole_names(tmp_path):
             means = {name: [1.0] * PLAN.runs for name in SUMS}
             opened.save(one, made_up(one, means=means))
     page = results_report(folder)
-    assert "`" not in page and "; same is a factor of one" in page
+    assert "`" not in page and "; same: both factors are one" in page
     assert 'alt="r^C that differs between the robots (uneven)"' in page
     caption = "Table 3: the large scenarios (table3). Bars are standard errors."
     assert picture(Figure(), caption)["alt"] == "Table 3: the large scenarios (table3)"

@@ -37,7 +37,7 @@ def test_who_is_stopped_saves_what_it_has_and_the_others_go_on(
 ):
     monkeypatch.setattr(follower, "STOP_SECONDS", 0.1)
     out = str(tmp_path)
-    world = bench.world(out=out, recorded=True, rate=100.0)
+    world = bench.world(out=out, recorded=True, rate=100.0, percept_timeout=1.0)
     recorder = bench.recorder(tmp_path / "bag")
     one, other = bench.robots(out=out)
 
