@@ -470,7 +470,7 @@ class WorldSimulator(ParameterNode):
             **self._counts(),
             "budget": run.scenario.steps,
             "steps_per_second": f"{rate:.0f}",
-            "episode": world.episode,
+            "episode": world.episode + 1,
         }
         self.topics.report(self.doing, values, warn=bool(self.lockstep.absent))
         self._say()
