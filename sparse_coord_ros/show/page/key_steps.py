@@ -181,7 +181,8 @@ class Highlight(NamedTuple):
         first, last: its time steps.
         step: of its most important question; None: no robot asks.
         robot: the robot that asks then; cell: its cell.
-        text: the question and its consequence, in words; also of others that ask then.
+        text: the question and its consequence, in words; in a pair also of the other robot, if it
+            asks then.
     """
 
     first: int
@@ -233,9 +234,10 @@ def highlight(
     cell = int(log.cells[row, k])
     step = logged_step(log, row)
     text = _told(step, k, narrator, learned=team.would_do_it_again(step, k))
-    for other in np.flatnonzero(ranks[row]).tolist():
-        if other != k and team.would_do_it_again(step, other):
-            text += f" {_told(step, other, narrator, learned=True)}"
+    other = 1 - k
+    in_a_pair = len(team.policies) == 2
+    if in_a_pair and ranks[row, other] and team.would_do_it_again(step, other):
+        text += f" {_told(step, other, narrator, learned=True)}"
     if not good[number]:
         met = ""
         if can_miscoordinate(interactions_of(log.run.scenario)):

@@ -521,6 +521,22 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(team, tables, w
     assert log.asked[np.searchsorted(log.step, found.step)].any()
 
 
+def test_of_a_larger_team_one_robot_is_told(record):
+    """All robots that ask at once would fill the page."""
+    settings = {"steps": 1500, "penalty": -100}
+    bag = record("crowd-8r", settings=settings, values={"learner": "factored"}).bag
+    long_log = LongLog(bag)
+    tables = [long_log.tables_before(k).tables for k in range(8)]
+    long_log.bag.close()
+    log = read_run(bag)
+    narrator = Narrator(log.run.scenario)
+    team = LearnedTeam(log.run, tables)
+    found = highlight(log, team, KeySteps(log.run, narrator), narrator)
+    row = np.searchsorted(log.step, found.step)
+    assert log.asked[row].sum() > 1
+    assert found.text.count(" asks ") == 1
+
+
 def test_since_when_a_robot_would_ask_is_told():
     told = [since_in_words("robot_1", 1, since) for since in (None, 1, 10_873)]
     assert told == [
