@@ -25,6 +25,7 @@ from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes import nav2_driver, nav2_stand_in
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.nodes.nav2_stand_in import SIMULATION_SECONDS
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
@@ -446,8 +447,11 @@ def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, 
 
 
 def test_a_killed_driver_s_goal_ends_when_it_is_started_again(
-    start_team, start_node, bench
+    start_team, start_node, bench, monkeypatch
 ):
+    """The driver is a process of its own, with the limits of a quiet machine."""
+    monkeypatch.setattr(nav2_stand_in, "SIMULATION_SECONDS", SIMULATION_SECONDS)
+
     def drive():
         return start_node(
             *("nav2_driver", "robot_1_driver"),
