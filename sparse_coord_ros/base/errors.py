@@ -130,7 +130,7 @@ def failure_of(error: Exception) -> SparseCoordError:
         remedy = "make room" if full else "give another path, or one that you may use"
         failure: SparseCoordError = RunError(f"{os_error_text(error)}; {remedy}")
     else:
-        said = " ".join(str(error).split())
+        said = message_of(error)
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
         what = f"unexpected {type(error).__name__}{f': {said}' if said else ''}{where}"
@@ -143,6 +143,11 @@ def failure_of(error: Exception) -> SparseCoordError:
 
 LONGEST_LINE = 2000
 """Most characters of a line for people."""
+
+
+def message_of(error: object) -> str:
+    """Return what an error says, without line breaks and repeated spaces."""
+    return " ".join(str(error).split())
 
 
 def in_line(text: str) -> str:

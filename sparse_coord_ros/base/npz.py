@@ -17,7 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import SparseCoordError, check_format, in_short
+from sparse_coord_ros.base.errors import (
+    SparseCoordError,
+    check_format,
+    in_short,
+    message_of,
+)
 from sparse_coord_ros.base.limits import ARRAYS, Limit
 from sparse_coord_ros.base.version import __version__
 
@@ -88,7 +93,7 @@ def unpack(
         Exception
     ) as failure:  # zip, zlib and NumPy's parser raise any exception for a bad file
         # without NumPy's advice to trust the file
-        problem = " ".join(str(failure).split()).partition(". ")[0]
+        problem = message_of(failure).partition(". ")[0]
         told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
         raise (damaged or error)(told) from None
     check_format(number, NPZ_FORMAT, where, error)

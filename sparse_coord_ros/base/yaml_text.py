@@ -11,7 +11,12 @@ from typing import Any
 
 import yaml
 
-from sparse_coord_ros.base.errors import ScenarioError, SparseCoordError, in_short
+from sparse_coord_ros.base.errors import (
+    ScenarioError,
+    SparseCoordError,
+    in_short,
+    message_of,
+)
 from sparse_coord_ros.base.limits import DEEPEST_NESTING, SCENARIO, Limit
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -55,7 +60,7 @@ def yaml_value(
     except (yaml.YAMLError, ValueError) as failure:  # ValueError: half a surrogate pair
         mark = getattr(failure, "problem_mark", None)
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = getattr(failure, "problem", None) or " ".join(str(failure).split())
+        problem = getattr(failure, "problem", None) or message_of(failure)
         raise error(
             f"{where}{line}: not readable as YAML: {problem}; mend that line"
         ) from None

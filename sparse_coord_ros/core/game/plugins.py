@@ -29,6 +29,7 @@ from sparse_coord_ros.base.errors import (
     SparseCoordError,
     check_argument,
     did_you_mean,
+    message_of,
     retold,
 )
 
@@ -226,7 +227,7 @@ class Registry(Generic[T]):
         return found
 
     def _missing(self, name: str, error: BaseException) -> SettingError:
-        problem = " ".join(str(error).split()) or type(error).__name__
+        problem = message_of(error) or type(error).__name__
         return SettingError(
             f"{self.kind} {name!r} was not found ({problem}); install it, or run this where "
             "Python finds its module (PYTHONPATH, or the current directory)"

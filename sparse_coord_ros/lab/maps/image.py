@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from sparse_coord_ros.base.errors import MapError, SettingError, in_short, retold
+from sparse_coord_ros.base.errors import (
+    MapError,
+    SettingError,
+    in_short,
+    message_of,
+    retold,
+)
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.limits import IMAGE, MAP_HEADER, open_regular, read_text
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
@@ -276,7 +282,7 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
     except (
         Exception
     ) as error:  # Pillow's decoders raise any exception for a broken file
-        problem = " ".join(str(error).split())[:200]
+        problem = message_of(error)[:200]
         if isinstance(error, UnidentifiedImageError):  # its text names a Python object
             problem = "its format is unknown"
         why = f"cannot be read as an image ({problem}); save it anew as PGM or PNG"

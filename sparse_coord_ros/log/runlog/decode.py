@@ -8,6 +8,7 @@ from typing import Any
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
+from sparse_coord_ros.base.errors import message_of
 from sparse_coord_ros.log.bags.topics import BagTopic
 
 PLAIN_CDR = (b"\x00\x00", b"\x00\x01")
@@ -41,5 +42,5 @@ class Decoder:
             decode: Any = self._factory.decoder_for("cdr", schema)
             return decode(data)
         except Exception as error:  # the library may raise any exception
-            why = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            why = f"{type(error).__name__}: {message_of(error)}"
             raise ValueError(f"cannot be decoded as {schema.name} ({why})") from error

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sparse_coord_ros.base import compiling
-from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.errors import RunError, message_of
 from sparse_coord_ros.base.share import PACKAGE, share_folder
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.ros.nodes.environment import DOMAIN, PROFILES, RANGE, ros_domain
@@ -81,7 +81,7 @@ def compiler() -> Finding:
         )
         return Finding(HINT, "numba", text, "pip install numba")
     except Exception as error:  # a broken installation may raise any exception
-        text = f"does not work: {' '.join(str(error).split())}"
+        text = f"does not work: {message_of(error)}"
         return Finding(WRONG, "numba", text, "pip install --upgrade numba numpy")
     folder = compiling.folder()
     if folder is None:

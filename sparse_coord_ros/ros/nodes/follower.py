@@ -5,7 +5,7 @@
 import time
 from typing import Any, Unpack
 
-from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.errors import RunError, message_of
 from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.lockstep.timeouts import (
@@ -155,7 +155,7 @@ class Follower(ParameterNode):
                 run = read_run(data)
                 self.check(run)
             except Exception as error:
-                self._refused = " ".join(str(error).split())
+                self._refused = message_of(error)
                 raise
             return run
         if not identity:

@@ -28,6 +28,7 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     SparseCoordError,
     failure_of,
+    message_of,
 )
 from sparse_coord_ros.base.limits import ASKED
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
@@ -184,7 +185,7 @@ class ParameterNode(Node):
                 automatically_declare_parameters_from_overrides=True,
             )
         except (RCLError, RuntimeError) as error:
-            why = " ".join(str(error).split())
+            why = message_of(error)
             raise RunError(f"node {name}: ROS cannot make it: {why}") from None
         self.full_name = self.get_fully_qualified_name().lstrip("/")
         self.born = time.monotonic()

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.base.errors import BagError, SettingError
+from sparse_coord_ros.base.errors import BagError, SettingError, message_of
 from sparse_coord_ros.log.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
 from sparse_coord_ros.log.bags.schemas import ros_name
 from sparse_coord_ros.log.bags.topics import latched
@@ -69,7 +69,7 @@ class PlayedTopics:
                 ValueError,
                 InvalidTopicNameException,
             ) as error:
-                skipped.append(f"{name} ({' '.join(str(error).split())})")
+                skipped.append(f"{name} ({message_of(error)})")
         if not self.publishers:
             why = ", ".join(skipped) or "it has none"
             raise BagError(f"bag {bag.path}: no topic can be played: {why}")

@@ -138,7 +138,7 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
         none = SignalHandlerOptions.NO
         rclpy.init(args=words, context=context, signal_handler_options=none)
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
-        said = " ".join(str(error).split())
+        said = errors.message_of(error)
         what = OF_RCL.sub("", said.rpartition("failed to initialize rcl: ")[2])
         what = what.removeprefix("Failed to parse ROS arguments: ")
         raise errors.RunError(f"ROS: {what.rstrip(' .')}; {ARGUMENTS}") from None

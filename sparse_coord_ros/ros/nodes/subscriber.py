@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
+from sparse_coord_ros.base.errors import message_of
 from sparse_coord_ros.base.limits import too_large
 from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
 
@@ -88,7 +89,7 @@ class Subscriber:
         self.dropped[name] += 1
         if self.dropped[name] == 1:
             self._node.get_logger().warning(
-                f"{name}: {' '.join(str(why).split())}; {done}; further ones are only "
+                f"{name}: {message_of(why)}; {done}; further ones are only "
                 "counted (diagnostics)"
             )
 
