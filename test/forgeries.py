@@ -434,7 +434,6 @@ OTHER_SETTINGS = {
     ("scenario", "discount"): 0.9,
     ("scenario", "move_success"): 0.4,
     ("scenario", "perception"): "never",
-    ("scenario", "link"): "dead:1",
     ("scenario", "max_steps"): 4,
     ("scenario", "starts"): "fixed",
     ("scenario", "step_size"): "constant:0.3",

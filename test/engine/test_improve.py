@@ -254,5 +254,3 @@ def test_what_it_needs():
     coop = learner_of("coop")
     with pytest.raises(SettingError, match="^improve: learner coop"):
         improve(load_scenario("env1"), coop, [])
-    with pytest.raises(SettingError, match="^improve: .*referee"):
-        improve(load_scenario("env2-4r"), FACTORED, [])

@@ -41,7 +41,7 @@ RUNS = {
     "coop": ("env1", {"steps": 120, **HALF}, {}, {}),
     "factored": ("env1", {"steps": 120, **HALF}, {"learner": "factored"}, {}),
     "crowd": ("crowd-3r", {"steps": 100, "peers": "all", **HALF}, {}, {}),
-    "referee": ("crowd-3r", {"steps": 100, **HALF}, {"learner": "factored"}, {}),
+    "partners": ("crowd-3r", {"steps": 100, **HALF}, {"learner": "factored"}, {}),
     "cq": ("door", {"steps": 500, **MARKED}, {"learner": "cq", "checkpoint": 170}, {}),
     "improve": (
         "door",

@@ -23,7 +23,6 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.interactions import NOWHERE
-from sparse_coord_ros.core.game.links import UP
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.learners.corrections import key_of, states_of
@@ -121,7 +120,7 @@ def improve(
     for k, memory in enumerate(memories):
         check_memory(scenario, learner, k, memory)
     learned = learned_scenario(scenario, learner, memories)
-    if len(memories) == MOST_ROBOTS and not scenario.sparse and scenario.link == UP:
+    if len(memories) == MOST_ROBOTS and not scenario.sparse:
         before, value, found = _of_a_pair(learned, learner, memories)
     else:
         before, value, found = _by_trials(learned, learner, memories)

@@ -85,6 +85,3 @@ def check_improvable(scenario: Scenario, learner: Learner) -> None:
         what = f"improve: learner {learner.label} keeps no model of where moves lead"
         raise SettingError(f"{what}; needs learner factored")
     check_only_together(scenario, "improve", "leave improve out")
-    if len(scenario.robots) > 2 and not scenario.referee:
-        what = "improve: with more than two robots each must know which r^C is its own"
-        raise SettingError(f"{what}; needs setting referee=true")

@@ -44,7 +44,7 @@ from sparse_coord_ros.ros.nodes.spin import Stop, make_executor, ros_context
 from sparse_coord_ros.ros.nodes.world_topics import WorldTopics
 
 SETTINGS = {"steps": 100, "max_steps": 8, "starts": "fixed", "epsilon": "constant:1"}
-SETTINGS |= {"perception": "always", "link": "up"}
+SETTINGS |= {"perception": "always"}
 TIMING = {"step_timeout": 2.0, "percept_timeout": 0.5, "checkpoint": 10}
 START_SECONDS = 20.0
 END_SECONDS = 10.0
