@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random streams: functions of seed, agent, role, phase and step, equal to NumPy's own PCG64."""
 
-
 import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
