@@ -14,7 +14,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.memory import taught
@@ -119,7 +119,7 @@ class Recording:
         text = run.to_yaml()
         record = {
             **run.record(),
-            wire.FORMAT_KEY: str(wire.BAG_FORMAT),
+            wire.FORMAT_KEY: str(FORMAT),
         }
         self.bag.add_metadata("sparse_coord_ros", record)
         for name, content in bag_files(run, text).items():

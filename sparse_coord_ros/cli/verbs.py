@@ -40,7 +40,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "maps": {
         "maps": "list the maps, or show one",
         "import-map": "turn a map_server map into a map and a scenario",
-        "export-map": "write a map in the format of map_server",
     },
     "robots": {
         "drive": "drive a learned team in a simulation with metres and seconds",

@@ -14,11 +14,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.log.runlog.verify import LOST_COPIES
-from sparse_coord_ros.protocol.wire import BAG_FORMAT, TABLES_DEPTH
+from sparse_coord_ros.protocol.wire import TABLES_DEPTH
 
 EVENT = "/robot_2/active_perception/_service_event"
 EPISODES = (
@@ -63,7 +64,7 @@ def test_a_stamp_before_the_run(alter, topic, kind):
 # The bag's format.
 
 
-@pytest.mark.parametrize("number", ["0", str(BAG_FORMAT + 1), "x", ""])
+@pytest.mark.parametrize("number", ["0", str(FORMAT + 1), "x", ""])
 def test_another_format_is_refused_in_one_line(
     good, rewritten, tmp_path, number, capsys
 ):

@@ -13,6 +13,7 @@ from recordings import each, with_tables
 from std_msgs.msg import String
 
 from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.bags.recover import recover
@@ -20,7 +21,6 @@ from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.difference import NOTHING_TO_LEARN, TWICE
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.log.runlog.verify import UNLEARNED
-from sparse_coord_ros.protocol.wire import BAG_FORMAT
 from sparse_coord_ros.protocol.wire.messages import ACTION_FORM
 from sparse_coord_ros.ros.nodes.messages import Converter
 
@@ -122,7 +122,7 @@ def test_a_second_metadata_record(good, tmp_path):
     source = open_bag(good.bag)
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_metadata(
-            "sparse_coord_ros", {"scenario": "other", "format": str(BAG_FORMAT)}
+            "sparse_coord_ros", {"scenario": "other", "format": str(FORMAT)}
         )
         bag.add_metadata("sparse_coord_ros", dict(source.metadata["sparse_coord_ros"]))
         bag.attach("run.yaml", source.attachments[0].data, "application/yaml")

@@ -26,7 +26,7 @@ from sparse_coord_ros.base.errors import (
 )
 from sparse_coord_ros.base.files import path_argument, write_whole
 from sparse_coord_ros.base.limits import RESULTS, read_text
-from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.actions import (
     ACTIONS,
     COORDINATE,
@@ -52,7 +52,6 @@ from sparse_coord_ros.core.solve.asking_loops import (
 from sparse_coord_ros.core.solve.optimum import most_help, value_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
-SEARCH_FORMAT = 1
 WARNING = "a lower bound: the search may have missed a better team"
 
 RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
@@ -376,9 +375,9 @@ def _kept(
     text = read_text(file, RESULTS, ResultsError, "give another file")
     try:
         data = json.loads(text)
+        check_format(data["format"], str(file), ResultsError)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
-        check_format(data["format"], SEARCH_FORMAT, str(file), ResultsError)
         said = (data["game"], data["seed"])
         fits = policies_of(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
@@ -401,7 +400,7 @@ def _keep(
     robots: Sequence[RobotPolicy],
 ) -> None:
     data: dict[str, Any] = {
-        "format": SEARCH_FORMAT,
+        "format": FORMAT,
         "scenario": scenario.name,
         "game": game_digest(scenario),
         "seed": seed,

@@ -275,11 +275,8 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 peer was behind; transitions without learning as no reward came; updates; the time step of the
 tables."""
 
-BAG_FORMAT = 4
-"""Version of a bag's content, in its metadata record. In format 1 runs had no `bodies`."""
-
 FORMAT_KEY = "format"
-"""The key of this version there."""
+"""The key of the format's number in a bag's metadata record."""
 
 
 class RunState(StrEnum):

@@ -17,6 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.core.runs.run_config import (
     MAP_FILE,
     RUN_RECORD,
@@ -106,7 +107,7 @@ class Recording:
         """Record the run's configuration, unless the bag continues one that has it."""
         bag = self.bag
         run_text = self.run.to_yaml()
-        record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        record = {**self.run.record(), wire.FORMAT_KEY: str(FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
