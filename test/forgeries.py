@@ -424,7 +424,6 @@ OTHER_SETTINGS = {
     ("seed",): 8,
     ("id",): "another",
     ("greedy",): True,
-    ("improve",): True,
     ("step_period",): 0.2,
     ("resolution",): 2.0,
     ("checkpoint",): 37,
@@ -459,7 +458,7 @@ FREE_SETTINGS = {
 
 
 def named(run: str, bag: Bag) -> Iterator[Case]:
-    """Yield the cases of settings, of texts in one place alone, and of plans."""
+    """Yield the cases of settings, and of texts in one place alone."""
     for path, value in OTHER_SETTINGS.items():
         right = ANY if path in _without_effect(bag) else FOUND
         yield Case(run, (Forgery("setting", path, value),), right)
@@ -467,23 +466,11 @@ def named(run: str, bag: Bag) -> Iterator[Case]:
         yield Case(run, (Forgery("setting", path, value),), ANY)
     for where, old, new in TEXTS:
         yield Case(run, (Forgery("text", (where,), (old, new)),), FOUND)
-    names = [one.name for file in bag for one in file.attachments]
-    robots = sorted(
-        {TABLES.fullmatch(one)[1] for one in names if TABLES.fullmatch(one)}
-    )
-    for robot in robots:
-        mine = [one for one in names if one.startswith(f"tables/{robot}_")]
-        for source in (mine[0], mine[-1]):
-            for how in ("", "without counts"):
-                plan = Forgery("plan", (source, f"improved/{robot}.npz"), how)
-                yield Case(run, (plan,), FOUND)
 
 
 def _without_effect(bag: Bag) -> set[tuple[str, ...]]:
     """Return settings on which nothing in a log depends."""
     found = set()
-    if not _finished(bag):
-        found.add(("improve",))
     if "\nbodies: true\n" in run_text(bag):
         found.add(("scenario", "move_success"))
     if "\nlearner: cq\n" in run_text(bag):

@@ -24,7 +24,6 @@ from forgeries import (
 from forging import forged, read, write
 from recordings import OFTEN, recorded, rolled_back
 
-from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -43,12 +42,6 @@ RUNS = {
     "crowd": ("crowd-3r", {"steps": 100, "peers": "all", **HALF}, {}, {}),
     "referee": ("crowd-3r", {"steps": 100, **HALF}, {"learner": "factored"}, {}),
     "cq": ("door", {"steps": 500, **MARKED}, {"learner": "cq", "checkpoint": 170}, {}),
-    "improve": (
-        "door",
-        {"steps": 150, **DOOR},
-        {"learner": "factored", "improve": True},
-        {},
-    ),
     "bodies": (
         *("env1", {"steps": 120, **HALF}, {"bodies": True, "slips": False}),
         {"failing": [(k, step) for k in (0, 1) for step in range(3, 130, 7)]},
@@ -78,8 +71,6 @@ def bags(tmp_path_factory):
     known = {}
 
     def of(name):
-        if name == "improve" and not has_numba():
-            pytest.skip("minutes in plain Python")
         if name not in known:
             known[name] = read(recorded_bag(name, tmp_path_factory.mktemp(name)))
         return known[name]
