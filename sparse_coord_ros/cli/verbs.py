@@ -14,7 +14,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "learn": {
         "train": "train a team without ROS; gives the same tables as run",
         "run": "train a team live over ROS 2 nodes, and record it to MCAP",
-        "improve": "let robots share what they learned once, then plan together",
         "settings": "list all settings with defaults and allowed values",
         "doctor": "check the installation and suggest fixes",
     },
