@@ -24,10 +24,7 @@ from sparse_coord_ros.base.errors import (
     message_of,
 )
 from sparse_coord_ros.base.limits import ARRAYS, Limit
-from sparse_coord_ros.base.version import __version__
-
-NPZ_FORMAT = 4
-"""Number of the format. It changes if the arrays of any of these files change."""
+from sparse_coord_ros.base.version import FORMAT, __version__
 
 ENTRY = b"PK\x01\x02"
 MOST_ARRAYS = 2**16
@@ -48,7 +45,7 @@ HEADERS: Mapping[tuple[int, int], Any] = {
 def pack(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
     """Return named arrays as bytes; equal arrays give equal bytes."""
     whole: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
-    head = np.array([str(NPZ_FORMAT), __version__, _digest(whole)])
+    head = np.array([str(FORMAT), __version__, _digest(whole)])
     file = io.BytesIO()
     (np.savez_compressed if compressed else np.savez)(file, format=head, **whole)
     return file.getvalue()
@@ -87,7 +84,7 @@ def unpack(
             raise ValueError("it has no array 'format'")
         head = arrays.pop("format").ravel()[:3].tolist()
         number = int(head[0])
-        if number == NPZ_FORMAT and head[2] != _digest(arrays):
+        if number == FORMAT and head[2] != _digest(arrays):
             raise ValueError("its contents do not fit its digest")
     except (
         Exception
@@ -96,7 +93,7 @@ def unpack(
         problem = message_of(failure).partition(". ")[0]
         told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
         raise (damaged or error)(told) from None
-    check_format(number, NPZ_FORMAT, where, error)
+    check_format(number, where, error)
     return arrays
 
 

@@ -316,15 +316,6 @@ class Factored(Learner):
     # Parts that an ablation turns off.
 
     @staticmethod
-    def counts(mind: Mind, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
-        """Return whether the robot counts the correction of a peer that it perceives.
-
-        Of more than two robots in one cell, only those with higher numbers give way; a pair
-        learns who waits by itself.
-        """
-        return not (task.robots > 2 and cell == peer_cell and task.number < peer)
-
-    @staticmethod
     def share_of_surplus(mind: Mind, task: Task, first: int, here: float) -> float:
         """Return the gain of waiting at the first question, for each peer in the way.
 
