@@ -246,7 +246,6 @@ LONG_VERBS = (
         "run",
         "train",
         "watch",
-        "report",
         "replay",
         "halt",
         "benchmark",
@@ -254,7 +253,7 @@ LONG_VERBS = (
 )
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
-    *("plot", "animate", "report", "tables"),
+    *("plot", "animate", "tables"),
 )
 
 
