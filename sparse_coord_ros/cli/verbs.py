@@ -44,7 +44,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "robots": {
         "drive": "drive a learned team in a simulation with metres and seconds",
-        "halt": "stop all robots of a team, or let them continue",
         "conformance": "check whether your robot node follows the interface",
     },
 }
@@ -52,7 +51,7 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
 
 VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
-LIVE = ("run", "replay", "halt", "conformance")
+LIVE = ("run", "replay", "conformance")
 """Verbs that run ROS nodes, which handle signals by themselves."""
 
 
