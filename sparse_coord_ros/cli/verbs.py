@@ -14,7 +14,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "learn": {
         "train": "train a team without ROS; gives the same tables as run",
         "run": "train a team live over ROS 2 nodes, and record it to MCAP",
-        "improve": "let robots share what they learned once, then plan together",
         "settings": "list all settings with defaults and allowed values",
         "doctor": "check the installation and suggest fixes",
     },
@@ -44,14 +43,13 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "robots": {
         "drive": "drive a learned team in a simulation with metres and seconds",
-        "conformance": "check whether your robot node follows the interface",
     },
 }
 """Every verb with its description, in groups; its module is imported if it is chosen."""
 
 VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
-LIVE = ("run", "replay", "conformance")
+LIVE = ("run", "replay")
 """Verbs that run ROS nodes, which handle signals by themselves."""
 
 
