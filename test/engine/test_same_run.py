@@ -108,10 +108,20 @@ OUTSIDERS = {
 INTERACTIONS = {
     "exchanges, coop": ("aisle", "coop", {}),
     "exchanges, factored": ("aisle", "factored", {"perception": "probability:0.7"}),
-    "exchanges, joint": ("bay", "joint", {}),
+    "exchanges, joint": ("aisle", "joint", {}),
+    "a shared cell, cq": (
+        "aisle",
+        "cq",
+        {"interactions": "together:anywhere", "perception": "probability:0.7"},
+    ),
     "a lane, coop": ("lane", "coop", {"max_steps": 40}),
     "a lane, factored": ("lane", "factored", {"max_steps": 40}),
     "a lane, noncoop": ("lane", "noncoop", {"starts": "mixed:0.5"}),
+    "three kinds, factored": (
+        "lane",
+        "factored",
+        {"interactions": "together:anywhere+swap+block"},
+    ),
     "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
     "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
     "help, coop": ("lift", "coop", {"max_steps": 30}),
