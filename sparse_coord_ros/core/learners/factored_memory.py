@@ -54,9 +54,8 @@ def _check_common(
 ) -> None:
     """Check the r^C that was felt in cells and passages."""
     felt = weight * scenario.penalties[robot]
-    with_help = weight * (scenario.penalties[robot] + scenario.help_rewards[robot])
     for name in ("door", "passage"):
-        if not np.isin(memory[name], [0.0, felt, with_help]).all():
+        if not np.isin(memory[name], [0.0, felt]).all():
             raise ValueError(f"{name} has an r^C that is neither 0 nor {felt:g}")
 
 

@@ -11,7 +11,6 @@ const CURVES = [
   ["length", "Steps of an episode", [0, 1]],
   ["returns", "Return of a robot, undiscounted", []],
   ["miscoordinations", "Miscoordinations of an episode", [0, 1]],
-  ["help", "Help in an episode (times)", [0, 1]],
   ["asks", "Questions of a robot", [0, 1]],
 ];
 
@@ -69,11 +68,10 @@ export class Curves {
     }
   }
 
-  // Curves that there are: by the kinds of marks that the runs can have. Only in a bag help is counted.
-  begin(kinds, recorded) {
+  // Curves that there are: by the kinds of marks that the runs can have.
+  begin(kinds) {
     const of = new Map(this.charts);
     of.get("miscoordinations").section.hidden = !kinds.includes("miscoordination");
-    of.get("help").section.hidden = !(recorded && kinds.includes("help"));
   }
 
   // Where the shown time steps lie.
