@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.base.files import read_file
 from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import RunError
-from sparse_coord_ros.base.limits import ARRAYS, read_file
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.core.game.world import Position, before_episode
@@ -58,7 +58,7 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
         RunError: it is of another run, or in another format.
     """
     remedy = "begin the run anew"
-    data = read_file(path, ARRAYS, BrokenCheckpointError, remedy)
+    data = read_file(path, BrokenCheckpointError, remedy)
     how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
     arrays = npz.unpack(data, where=str(path), what="a checkpoint", **how)
     found = str(arrays.pop("run", ""))

@@ -10,7 +10,6 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from sparse_coord_ros.base.errors import TablesError, in_short
-from sparse_coord_ros.base.limits import TABLES
 from sparse_coord_ros.core.engine.improve import Improvement, improve
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
@@ -107,8 +106,8 @@ class Exchange:
         service = LEARNED.of(self._names[k])
         run = self._run
         try:
-            data = base64.b64decode(answer.message[: 2 * TABLES.bytes], validate=True)
-            [saved] = unpack_saved(data, [k + 1], where=service, limit=TABLES)
+            data = base64.b64decode(answer.message, validate=True)
+            [saved] = unpack_saved(data, [k + 1], where=service)
             check_memory(run.scenario, run.rule, k, saved.memory)
         except (TablesError, ValueError) as error:
             self._node.subscriber.drop(
@@ -129,6 +128,6 @@ def planned(run: str, packed: tuple[bytes, ...]) -> Improvement:
     config = run_from_yaml(run, where="run")
     memories = []
     for number, data in enumerate(packed, start=1):
-        [saved] = unpack_saved(data, [number], where="learned", limit=TABLES)
+        [saved] = unpack_saved(data, [number], where="learned")
         memories.append(saved.memory)
     return improve(config.scenario, config.rule, memories)
