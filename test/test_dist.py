@@ -150,9 +150,6 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     assert output(command, "--version").split()[1] == __version__
     for line in VERBS.splitlines():
         output(command, *line.split())
-    robot = [own / "bin/python", "-m", "sparse_coord_ros.executables", "robot"]
-    named = ["--ros-args", "-r", "__node:=robot_1", "-p", "out:=checked"]
-    output(command, "conformance", "--checkpoints", "--", *robot, *named)
     watch = [command, "watch", "run", "--port", "0"]
     with subprocess.Popen(
         watch, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True

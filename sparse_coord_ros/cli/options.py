@@ -28,7 +28,7 @@ from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
-    *("checkpoint", "tables", "greedy", "improve", "no_record"),
+    *("checkpoint", "tables", "greedy", "no_record"),
 )
 """Options that a resumed run has already, by their names in the namespace."""
 

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of
-from sparse_coord_ros.cli.improve import IMPROVE
-from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import last_word
@@ -63,7 +61,6 @@ OPTIONS = (
     ),
     shared.Option("--tables DIR", None, "start from the tables of this run directory"),
     shared.Option("--greedy", bool, "act greedily on --tables, without learning"),
-    IMPROVE,
     *shared.WATCH,
     shared.JSON,
 )
@@ -141,7 +138,6 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
             "learner",
             "tables",
             "greedy",
-            "improve",
             "checkpoint",
         ]
         changed = [
@@ -178,12 +174,9 @@ def _lines(
 ) -> Iterator[str]:
     yield from _counted(options, summary)
     saved = (out / TEAM_FILE).exists()
-    plan = out / IMPROVED
     interrupted = summary["interrupted"]
     if saved:
         yield f"tables  {out / TEAM_FILE}"
-    if (plan / TEAM_FILE).exists():
-        yield f"plan    {plan}"
     yield f"run     {out / 'run.yaml'}"
     if (interrupted or saved) and (out / CHECKPOINTS).is_dir():
         yield f"not finished; continue with: sparse_coord run --resume {out}"
@@ -192,8 +185,6 @@ def _lines(
     silent = interrupted or options.greedy or options.watch or options.json
     if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
-        tables = load_team(
-            plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule
-        )
+        tables = load_team(out, run.scenario, run.rule)
         found = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
         yield last_word(run.scenario, run.rule, found).text

@@ -14,7 +14,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "learn": {
         "train": "train a team without ROS; gives the same tables as run",
         "run": "train a team live over ROS 2 nodes, and record it to MCAP",
-        "improve": "let robots share what they learned once, then plan together",
         "settings": "list all settings with defaults and allowed values",
         "doctor": "check the installation and suggest fixes",
     },
@@ -41,19 +40,17 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "maps": {
         "maps": "list the maps, or show one",
         "import-map": "turn a map_server map into a map and a scenario",
-        "export-map": "write a map in the format of map_server",
     },
     "robots": {
         "drive": "drive a learned team in a simulation with metres and seconds",
         "halt": "stop all robots of a team, or let them continue",
-        "conformance": "check whether your robot node follows the interface",
     },
 }
 """Every verb with its description, in groups; its module is imported if it is chosen."""
 
 VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
-LIVE = ("run", "replay", "halt", "conformance")
+LIVE = ("run", "replay", "halt")
 """Verbs that run ROS nodes, which handle signals by themselves."""
 
 

@@ -45,7 +45,7 @@ from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
 from sparse_coord_ros.show.layouts import foxglove_layout, rviz_config
 
 _WORLD = PARAMETERS[WORLD]
-OF_WORLD = ("seed", "learner", "greedy", "improve", "tables", "rate")
+OF_WORLD = ("seed", "learner", "greedy", "tables", "rate")
 ARGUMENTS = SettingTable(
     [
         Setting(

@@ -33,7 +33,6 @@ WHY = "the robots' values and updates"
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),
     "evaluate RUN --exact": (REFUSED, REFUSED),
-    "improve RUN": (REFUSED, REFUSED),
     "drive RUN": (REFUSED, REFUSED),
     "run --resume UNFINISHED": (REFUSED, REFUSED),
     "train --resume UNFINISHED": (REFUSED, REFUSED),

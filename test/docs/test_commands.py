@@ -79,7 +79,7 @@ def pages():
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
 
 
-APART = re.compile(r"[&|;$>(]| watch | replay | conformance |--processes|--version")
+APART = re.compile(r"[&|;$>(]| watch | replay |--processes|--version")
 """Commands that end otherwise, start processes, or need a shell."""
 
 LIVE_SECONDS = 7.0
@@ -248,7 +248,6 @@ LONG_VERBS = (
         "watch",
         "report",
         "replay",
-        "conformance",
         "halt",
         "benchmark",
     ),

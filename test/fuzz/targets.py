@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from domains import ros_domain
+from floor_plans import write_grid
 from patience import PATIENCE_SECONDS
 from strangers import FAR, damaged, message_with
 from teams import tables_in
@@ -43,7 +44,7 @@ from sparse_coord_ros.core.runs.evaluation import check_tables, play, summary
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, load_history
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE
-from sparse_coord_ros.lab.maps.image import read_floor_plan, write_floor_plan
+from sparse_coord_ros.lab.maps.image import read_floor_plan
 from sparse_coord_ros.lab.maps.plan import import_map
 from sparse_coord_ros.log.bags import BagWriter, open_bag
 from sparse_coord_ros.studies.checked_json import digest_of
@@ -270,8 +271,8 @@ def image(sample: Path, folder: Path) -> Cases:
     """Return the cases of maps of map_server: YAML file and image."""
     from PIL import Image
 
-    where = {"resolution": 1.0, "pixels": 4, "image": "png"}
-    said, picture = write_floor_plan(load_map("env1"), folder, "plan", **where)  # type: ignore[arg-type]
+    said = write_grid(load_map("env1"), folder, pixels=4)
+    picture = said.with_suffix(".pgm")
     text = said.read_text()
     pictures = [b"P2\n9 9\n255\n" + b"1 " * 81, b"P5\n60000 60000\n255\n"]
     with Image.open(picture) as opened:

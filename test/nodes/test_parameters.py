@@ -166,12 +166,6 @@ REFUSED = [
         ["scenario:=env1", "learner:=joint"],
         "from the cells and actions of all robots;",
     ),
-    (WORLD, ["scenario:=env1", "improve:=true"], "learner coop keeps no model"),
-    (
-        WORLD,
-        ["scenario:=env1", "learner:=factored", "improve:=true", "greedy:=true"],
-        "a greedy run learns nothing",
-    ),
     (WORLD, ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
     (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
     ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),

@@ -8,7 +8,7 @@ They show the value of the factored learner, and the reasons.
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ from sparse_coord_ros.studies.report.analysis import gap_closed
 from sparse_coord_ros.studies.report.data import best_asking_team
 from sparse_coord_ros.studies.standings import Standing, failed_teams, standings
 from sparse_coord_ros.studies.store import Plan
-from tools.study import fresh, improved
+from tools.study import fresh
 
 SEED = 950_000
 """Seed of the first run: no search has seen these."""
@@ -333,5 +333,4 @@ STUDIES: tuple[Study, ...] = (
     Study("unseen", (20, 10), 500, _unseen),
     Study("fresh", (20, 20), 500, fresh.table, seed=FRESH, keeps=True),
     Study("protocol", (40, 6), 200, _protocol, seed=5_000),
-    Study("improved", (20, 10), 300, partial(improved.table, ROUTES), keeps=True),
 )

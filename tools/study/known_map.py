@@ -13,12 +13,12 @@ from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
-from sparse_coord_ros.core.solve.shipped import known_best, known_optimum
+from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.studies.catalogue import unseen_conditions
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.report.text import Row
 from sparse_coord_ros.studies.standings import standing, standings
-from tools.study import improved, rules
+from tools.study import rules
 from tools.study.coordination import Found, Rows, Study, return_and_failed
 
 PRIORS = ("none", "map")
@@ -81,27 +81,6 @@ def _crowds(found: Found) -> Rows:
             settings = {"penalty": -100, "steps": 100_000, "prior": prior}
             one = found(make_condition(name, "factored", settings))
             row[f"prior={prior}"] = return_and_failed(one)
-        yield row
-
-
-def _improved(found: Found, kept: Path) -> Rows:
-    """Yield the improved teams of pairs that have learned for 2,000 steps."""
-    for prior in PRIORS:
-        settings = {"steps": 2_000, "prior": prior}
-        made = unseen_conditions("factored", "validation", settings, (2,))
-        low = [shortest_path_reference(one.scenario).returns for one in made]
-        high = [known_best(one.scenario) for one in made]
-        teams = [improved.teams_of(one, 10, kept) for one in made]
-        gap = float(np.sum(np.array(high) - low))
-        row = {"prior": prior}
-        for what in ("learned", "improved"):
-            values = np.array([[getattr(one, what) for one in own] for own in teams])
-            gained = values.mean(axis=1) - low
-            error = np.sqrt((values.var(axis=1, ddof=1) / values.shape[1]).sum())
-            row[what] = f"{percent(gained.sum() / gap)} ({100 * error / gap:.1f})"
-        row["worst building, improved"] = percent(
-            float((gained / (np.array(high) - low)).min())
-        )
         yield row
 
 
@@ -216,6 +195,5 @@ STUDIES: Sequence[Study] = (
     Study("known-test", (20, 20), 500, _split("test"), FINAL_SEED, PAGE),
     Study("known-ablation", (10, 10), 500, _ablation, VALIDATION_SEED, PAGE),
     Study("known-crowds", (40, 40), 300, _crowds, VALIDATION_SEED, PAGE),
-    Study("known-improved", (10, 10), 500, _improved, VALIDATION_SEED, PAGE, True),
     Study("few-steps", (10, 10), 200, _curves, VALIDATION_SEED, PAGE),
 )

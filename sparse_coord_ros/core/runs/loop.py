@@ -392,7 +392,6 @@ def play_until(
     asked: Any,
     stays: Any,
     trials: int,
-    paired: bool,
 ) -> None:
     """Play greedy trials until so many are played.
 
@@ -404,7 +403,6 @@ def play_until(
         asked: counted up where COORDINATE is chosen, [k][x].
         stays: counted up where a robot acts, [k][x].
         trials: number of trials.
-        paired: whether a trial has the same draws whatever happened in those before it.
     """
     rule, game, choice, _, _ = state
     problem = rule.problem
@@ -447,8 +445,6 @@ def play_until(
         discount *= problem.discount
         clock[STEP] = step + 1
         if episode_ends(over, elapsed, rule.max_steps):
-            if paired:
-                clock[STEP] = clock[EPISODE_START] + rule.max_steps
             clock[STEP] += EPISODE_GAP
             clock[PLACED] = 0
             clock[DONE] += 1

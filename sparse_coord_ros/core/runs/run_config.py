@@ -37,7 +37,6 @@ from sparse_coord_ros.core.game.specs import Form, SpecFamily
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import (
     LEARNERS,
-    check_improvable,
     learner_of,
 )
 from sparse_coord_ros.core.runs.forms import check_own_memory
@@ -120,10 +119,6 @@ class RunConfig:
     greedy: bool = setting(
         False, "act on learned tables, without exploring or learning"
     )
-    improve: bool = setting(
-        False,
-        "after learning, share what was learned and plan together (learner factored)",
-    )
     step_period: float = setting(
         0.1, "simulated seconds a time step", low=1e-3, high=60
     )
@@ -181,11 +176,6 @@ class RunConfig:
             raise SettingError(
                 f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
                 f"step_timeout ({self.step_timeout:g})"
-            )
-        if self.improve and self.greedy:
-            remedy = "leave one of them out"
-            raise SettingError(
-                f"setting improve: a greedy run learns nothing; {remedy}"
             )
 
     @property
@@ -295,8 +285,6 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
         scenario = _known_to_bodies(scenario)
     learner.check(scenario)
     check_own_memory(learner)
-    if settings.get("improve"):
-        check_improvable(scenario, learner)
     _check_size(scenario.map)
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()

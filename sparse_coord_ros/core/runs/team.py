@@ -183,7 +183,6 @@ class Team:
         seed: int,
         trials: int,
         *,
-        paired: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> Trials:
         """Play greedy trials.
@@ -192,7 +191,6 @@ class Team:
             minds: the robots' minds.
             seed: seed of the trials.
             trials: number of trials.
-            paired: whether a trial has the same draws whatever happened in those before it.
             progress: called with the trials played and all of them, before each one.
 
         Raises:
@@ -212,8 +210,8 @@ class Team:
             if progress is not None:
                 for played in range(trials):
                     progress(played, trials)
-                    self.loops.play(state, minds, *filled, played + 1, paired)
-            self.loops.play(state, minds, *filled, trials, paired)
+                    self.loops.play(state, minds, *filled, played + 1)
+            self.loops.play(state, minds, *filled, trials)
         results, asked, stays = map(np.asarray, filled)
         self.check_wanted()
         times = results[:, :, loop.TIME]

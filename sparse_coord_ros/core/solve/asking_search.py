@@ -219,17 +219,10 @@ def _restart(
         fixed: the choices of robots that are not searched.
     """
     rng = np.random.default_rng(seed)
-    begun = random_policies(game, rng)
+    best = random_policies(game, rng)
     if fixed is not None:
-        for mine, theirs in zip(begun, fixed, strict=True):
+        for mine, theirs in zip(best, fixed, strict=True):
             mine[~free] = theirs[~free]
-    return _climbed(game, free, begun, rng)
-
-
-def _climbed(
-    game: WeightedGame, free: np.ndarray, best: AskingPolicies, rng: np.random.Generator
-) -> tuple[AskingPolicies, float]:
-    """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
     loops = asking_loops.compiled()
     space = workspace_of(game)
     trials = np.arange(2 * len(game.lead) * OPTIONS)
@@ -245,24 +238,6 @@ def _climbed(
             top = value
             vain = 0
     return best, top
-
-
-def climbed(
-    scenario: Scenario, team: AskingPolicies
-) -> tuple[float, float, AskingPolicies, np.ndarray]:
-    """Improve a team of two robots, as a restart that begins with this team.
-
-    Returns:
-        Its value before and after; its new actions in every joint state; and whether a robot
-        acts in a cell, shape (2, cells).
-    """
-    game = game_of(scenario)
-    nobody = np.zeros(2, dtype=np.bool_)
-    before = asking_loops.compiled().solve(
-        game, team, nobody, workspace_of(game), -np.inf
-    )
-    found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
-    return before, value, *_everywhere(game, found)
 
 
 def _copy(team: AskingPolicies) -> AskingPolicies:
@@ -308,10 +283,10 @@ def _shaken(
     return new
 
 
-def _everywhere(
+def _texts(
     game: WeightedGame, policy: AskingPolicies
-) -> tuple[AskingPolicies, np.ndarray]:
-    """Return the team with the best moves after every percept, and where its robots act.
+) -> tuple[RobotPolicy, RobotPolicy]:
+    """Return the team as texts, with the best moves after every percept.
 
     A robot that never gets to a cell does not ask there.
     """
@@ -324,14 +299,6 @@ def _everywhere(
     new.asks[:] &= space.visited
     # Every joint state, also where the team never gets.
     loops.sweep(game, new, both, space.value, game.everything, -np.inf)
-    return new, space.visited
-
-
-def _texts(
-    game: WeightedGame, policy: AskingPolicies
-) -> tuple[RobotPolicy, RobotPolicy]:
-    """Return the team as texts."""
-    new, _ = _everywhere(game, policy)
 
     def robot(k: int) -> RobotPolicy:
         asked = {

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of map_server, as SLAM tools write them: a YAML file and an image, read, written, shown."""
+"""Maps of map_server, as SLAM tools write them: a YAML file and an image, read and shown."""
 
 import base64
 import io
@@ -27,7 +27,6 @@ from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import (
     FURTHEST,
     RESOLUTIONS,
-    WALL,
     GridMap,
     number_of,
 )
@@ -296,48 +295,6 @@ def _values(image: Image.Image) -> tuple[np.ndarray, np.ndarray]:
         opaque = pixels[..., 3] == 255
         return pixels[..., :3].mean(axis=-1, dtype=np.float32), opaque
     return values, np.ones(values.shape, dtype=bool)
-
-
-def write_floor_plan(
-    grid: GridMap,
-    directory: Path,
-    name: str,
-    *,
-    resolution: float,
-    pixels: int,
-    image: str,
-) -> tuple[Path, Path]:
-    """Write a map in map_server's form; doorways are free.
-
-    Args:
-        grid: the map.
-        directory: the output directory; it must exist.
-        name: the files' stem.
-        resolution: metres a cell.
-        pixels: pixels along the side of a cell.
-        image: "pgm" or "png".
-
-    Returns:
-        The YAML file and the image.
-    """
-    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
-    values = (
-        np.where(free, 254, 0)
-        .astype(np.uint8)
-        .repeat(pixels, axis=0)
-        .repeat(pixels, axis=1)
-    )
-    file = io.BytesIO()
-    Image.fromarray(values).save(file, format={"pgm": "PPM", "png": "PNG"}[image])
-    picture = directory / f"{name}.{image}"
-    said = directory / f"{name}.yaml"
-    fields = {name: one.default for name, one in FIELDS.items()} | {
-        "image": picture.name
-    }
-    fields |= {"resolution": resolution / pixels, "origin": [*grid.origin, 0.0]}
-    write_whole(picture, file.getvalue())
-    write_whole(said, to_yaml(fields))
-    return said, picture
 
 
 def grey(plan: FloorPlan) -> np.ndarray:

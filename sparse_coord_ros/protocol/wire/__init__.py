@@ -240,18 +240,12 @@ TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic)
 """All topics, in the order above."""
 
 TABLES_FOLDER = "tables/"
-PLANS_FOLDER = "improved/"
-"""Prefixes of the names of a bag's attached tables, and of the plans made from them."""
+"""The prefix of the names of a bag's attached tables."""
 
 
 def tables_attachment(robot: str, step: int | str) -> str:
     """Return the name of the attachment of a robot's tables of a time step."""
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
-
-
-def improved_attachment(robot: str) -> str:
-    """Return the name of the attachment of a robot's improved tables."""
-    return f"{PLANS_FOLDER}{robot}.npz"
 
 
 WORLD = "world_simulator"
@@ -330,5 +324,4 @@ class Occasion(StrEnum):
 
     INITIAL = "initial"
     CHECKPOINT = "checkpoint"
-    IMPROVED = "improved"
     FINAL = "final"

@@ -25,10 +25,6 @@ class Service:
 ACTIVE_PERCEPTION = Service("active_perception", "nav_msgs/srv/GetPlan")
 """Of a robot: return its cell."""
 
-LEARNED = Service("learned", "std_srvs/srv/Trigger")
-"""Of a robot in a run with `improve`, after learning: return its memory, as base64 text of the
-bytes of `core.runs.tables.pack_tables`."""
-
 SAVE = Service("save", "std_srvs/srv/Trigger")
 """Of a robot, or a team: write the tables."""
 

@@ -13,7 +13,6 @@ from typing import Any
 from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.base.files import read_text, rescue, take_lock, write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
-from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.memory import taught
@@ -66,7 +65,6 @@ def gather(
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
     summary |= _join_tables(out, scenario)
-    _join_tables(out / IMPROVED, scenario)
     write_whole(path, to_yaml(summary))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():

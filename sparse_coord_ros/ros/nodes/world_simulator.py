@@ -116,19 +116,11 @@ class WorldSimulator(ParameterNode):
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
         own = self.topics.own + (self.bodies.own if self.bodies else [])
-        self.guard.watch(
-            own, map(self.resolve_service_name, self._services_of_robots())
-        )
+        asked = map(services.ACTIVE_PERCEPTION.of, self._names)
+        self.guard.watch(own, map(self.resolve_service_name, asked))
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
         self.create_timer(TICK_SECONDS, self._tick)
-
-    def _services_of_robots(self) -> list[str]:
-        """Return the services that must have one server for each robot of the run."""
-        offered = [services.ACTIVE_PERCEPTION]
-        if self.run.improve:
-            offered.append(services.LEARNED)
-        return [service.of(name) for service in offered for name in self._names]
 
     # Its state.
 
