@@ -61,7 +61,8 @@ def yaml_value(
     except (yaml.YAMLError, ValueError, RecursionError) as failure:
         mark = getattr(failure, "problem_mark", None)
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = getattr(failure, "problem", None) or message_of(failure)
+        told = getattr(failure, "context", None), getattr(failure, "problem", None)
+        problem = ", ".join(filter(None, told)) or message_of(failure)
         raise error(
             f"{where}{line}: not readable as YAML: {problem}; mend that line"
         ) from None

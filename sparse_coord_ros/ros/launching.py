@@ -25,13 +25,13 @@ from launch.launch_description import LaunchDescription
 from launch.logging import get_logger
 from launch_ros.actions import Node
 
-from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.errors import (
     EXIT_BAD_INPUT,
     RunError,
     SettingError,
     did_you_mean,
 )
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import PACKAGE
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named

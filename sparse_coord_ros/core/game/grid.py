@@ -8,8 +8,10 @@ free, `D` doorway (free), `H` help place (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
+import math
 import os
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.errors import MapError, did_you_mean, in_short
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import share_file, share_names
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.core.game.actions import DIRECTIONS

@@ -17,13 +17,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.errors import (
     RunError,
     SettingError,
     check_format,
     did_you_mean,
 )
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import RESOLUTIONS, GridMap

@@ -263,9 +263,7 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 return _values(image)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         remedy = "scale it down, and multiply the resolution by as much"
-        raise MapError(
-            f"{path}: has too many pixels; {remedy}"
-        ) from None
+        raise MapError(f"{path}: has too many pixels; {remedy}") from None
     except FileNotFoundError:
         remedy = (
             "the YAML file's field 'image' is to name it, from the YAML file's folder"

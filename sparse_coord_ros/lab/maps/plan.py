@@ -24,6 +24,9 @@ Place = tuple[float, float]
 WALL_THICKNESS = 0.3
 """Default thickness of a wall with a doorway, in metres."""
 
+MOST_CELLS = 1_000_000
+"""Most cells and walls of a grid."""
+
 SHOWN = 6
 """Most places in a note."""
 
@@ -97,9 +100,7 @@ def import_map(
         raise MapError(f"cell is {cell:g} m, allowed: {allowed}")
     cells = plan.free.size * (plan.resolution / cell) ** 2
     if cells > MOST_CELLS:
-        what = (
-            f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}"
-        )
+        what = f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}"
         raise MapError(f"{what}; choose larger cells, or cut the map")
     layout = _layout_of(plan, cell, radius)
     free = layout.free

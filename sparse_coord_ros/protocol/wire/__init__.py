@@ -56,7 +56,6 @@ class Topic:
         recorded: whether bags contain it unchanged.
         labels: the names of the numbers of a sensor_msgs/JointState. A reader looks numbers up by
             their labels, so a sender may add others.
-        limit: larger messages are dropped unread.
     """
 
     name: str
@@ -183,9 +182,7 @@ ACTION = Topic(
     labels=(*ACTION_LABELS, *SelfReport._fields),
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
-COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True
-)
+COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=True)
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """A robot's report on its checkpoints, and the recorder's on the orders that it has received."""
 
@@ -232,9 +229,7 @@ CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=Fa
 """Topics of bodies: their poses by their localisation and by their wheels; their commands."""
 
 ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
-PARAMETER_EVENTS = Topic(
-    "/parameter_events", _PARAMETERS, TEAM, _EVENT
-)
+PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All topics, in the order above."""

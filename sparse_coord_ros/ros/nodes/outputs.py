@@ -60,7 +60,9 @@ def gather(
     """
     path = out / SUMMARY_FILE
     text = read_text(path, RunError, "remove it") if path.exists() else ""
-    summary = yaml_value(text, where=str(path), error=RunError) or {}  # empty after a full disk
+    summary = (
+        yaml_value(text, where=str(path), error=RunError) or {}
+    )  # empty after a full disk
     summary["interrupted"] = interrupted
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
