@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.base.files import read_file
 from sparse_coord_ros.base.errors import (
     SettingError,
     check_argument,
     in_short,
 )
+from sparse_coord_ros.base.files import read_file
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
