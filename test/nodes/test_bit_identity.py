@@ -49,9 +49,9 @@ GAMES = {
             "common_reward": "each:1:0.5:2",
             "interactions": "together:any_doorway",
         },
-        {"executor": "events", "record": True, "namespace": "team_a"},
+        {"record": True, "namespace": "team_a"},
     ),
-    "noncoop": ("env1", {"steps": 150}, {"executor": "single", "record": False}),
+    "noncoop": ("env1", {"steps": 150}, {"record": False}),
     "factored": (
         "env2-4r",
         {
