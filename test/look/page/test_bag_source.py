@@ -194,8 +194,8 @@ def moves_told(lines):
 
 
 def test_the_page_says_where_a_robot_left_a_stand_off(record):
-    name, settings, values = TEAMS["all peers"]
-    bag = record(name, settings=settings, values={"checkpoint": 100, **values}).bag
+    values = {"checkpoint": 100, "learner": "factored"}
+    bag = record("crowd-3r", settings={"steps": 600}, values=values).bag
     log = read_run(bag)
     left = [
         one
@@ -210,7 +210,8 @@ def test_the_page_says_where_a_robot_left_a_stand_off(record):
         entries = player.board.get("dialogue")["entries"]
         newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
         assert newest["step"] == one.step
-        assert moves_told(newest["lines"])[0] == MAY_HAVE_LEFT
+        if one is left[0]:  # later ones may be known already
+            assert moves_told(newest["lines"])[0] == MAY_HAVE_LEFT
         for _ in range(2):
             player.source.learn()
         player.source.tick()
