@@ -25,7 +25,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "look at runs": {
         "watch": "show live or recorded runs on a page in the browser",
-        "report": "write an HTML report of a run or of results",
         "plot": "plot policies, questions, learning curves or results",
         "animate": "record an episode as an animated GIF",
     },
@@ -34,7 +33,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "verify": "recompute a recorded run from its seed and log, and compare",
         "explain": "explain the questions of a time step: answer, choice, update",
         "replay": "play a recorded run back over ROS 2",
-        "recover": "repair a bag that is damaged or was cut off by a crash",
         "tables": "extract the tables of a checkpoint from a bag",
     },
     "maps": {
@@ -43,14 +41,13 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "robots": {
         "drive": "drive a learned team in a simulation with metres and seconds",
-        "halt": "stop all robots of a team, or let them continue",
     },
 }
 """Every verb with its description, in groups; its module is imported if it is chosen."""
 
 VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
-LIVE = ("run", "replay", "halt")
+LIVE = ("run", "replay")
 """Verbs that run ROS nodes, which handle signals by themselves."""
 
 

@@ -115,12 +115,20 @@ OUTSIDERS = {
 INTERACTIONS = {
     "exchanges, coop": ("aisle", "coop", {}),
     "exchanges, factored": ("aisle", "factored", {"perception": "probability:0.7"}),
-    "exchanges, joint": ("bay", "joint", {}),
-    "a shared cell, cq": ("merge", "cq", {"link": "lost:0.3"}),
+    "exchanges, joint": ("aisle", "joint", {}),
+    "a shared cell, cq": (
+        "aisle",
+        "cq",
+        {"interactions": "together:anywhere", "link": "lost:0.3"},
+    ),
     "a lane, coop": ("lane", "coop", {"max_steps": 40}),
     "a lane, factored": ("lane", "factored", {"max_steps": 40}),
     "a lane, noncoop": ("lane", "noncoop", {"starts": "mixed:0.5"}),
-    "three kinds, factored": ("rooms", "factored", {"referee": False}),
+    "three kinds, factored": (
+        "lane",
+        "factored",
+        {"interactions": "together:anywhere+swap+block", "referee": False},
+    ),
     "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
     "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
     "help, coop": ("lift", "coop", {"max_steps": 30}),

@@ -15,7 +15,6 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from patience import PATIENCE_SECONDS
-from rclpy.action import ActionClient
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
@@ -404,46 +403,33 @@ def test_a_second_server_that_appears_later_is_reported_and_nothing_crashes(
     assert process.exit_code() == 0
 
 
-def test_halted_all_goals_of_nav2_are_cancelled_and_then_it_goes_on(start_team, bench):
-    """Also a goal of another client; the driver tells the world when Nav2 has confirmed it."""
+def test_paused_the_goals_are_cancelled_and_then_sent_again(start_team, bench):
     world, drivers, server = start_team(steps=100_000)
     bench.spin_until(moved(world, 2), "under way")
-    for robot in server.bases.values():
-        robot.faults += ["stuck"] * 5
-    bench.spin_until(
-        lambda: all(
-            one.fault == "stuck" and one.active for one in server.bases.values()
-        ),
-        "stuck",
-    )
+    bases = server.bases.values()
+    for base in bases:
+        base.faults += ["stuck"]
+    bench.spin_until(lambda: len(server.driving) == 2, "both have a goal")
     observer = bench.observer()
-    hold = SetBool.Request(data=True)
-    go_on = SetBool.Request(data=False)
-    call = "world_simulator/halt"
-    observer.call(SetBool, call, hold)
-    bench.spin_until(lambda: not server.driving, "cancelled")
-    client = ActionClient(observer, server.action, "robot_1/navigate_to_pose")
-    bench.spin_until(client.server_is_ready, "the server is found")
-    client.send_goal_async(server.action.Goal())
+
+    def hold(paused):
+        request = SetBool.Request(data=paused)
+        assert observer.call(SetBool, "world_simulator/pause", request).success
+
+    hold(True)
     bench.spin_until(
-        lambda: server.bases["robot_1"].active, "a goal of somebody else's"
+        lambda: all(driver.doing == "paused: stands" for driver in drivers),
+        "they say so",
     )
-    asked = "robot_1_driver/halt"
-    bench.spin_until(
-        lambda: observer.call(SetBool, asked, hold).success and not server.driving,
-        "cancelled, too",
-    )
-    goals = [robot.goals for robot in server.bases.values()]
+    assert not server.driving
+    goals = [base.goals for base in bases]
     spin_for(bench, 1.0)
-    assert [robot.goals for robot in server.bases.values()] == goals
-    for robot in server.bases.values():
-        robot.faults.clear()
-    observer.call(SetBool, call, go_on)
+    assert [base.goals for base in bases] == goals
+    hold(False)
     made = world.lockstep.world.transitions
     failed = world.summary()["moves_failed"]
     bench.spin_until(moved(world, made + 3), "it goes on")
     assert world.summary()["moves_failed"] == failed
-    client.destroy()
 
 
 def test_a_killed_driver_s_goal_ends_when_it_is_started_again(

@@ -28,9 +28,9 @@ from sparse_coord_ros.log.bags.records import (
     Damage,
     RecordPlace,
     Source,
+    chunk_content,
     describe,
     message_heads,
-    chunk_content,
     parse,
 )
 from sparse_coord_ros.log.bags.topics import BagTopic, topic_of
@@ -42,6 +42,8 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
 _CRC_BYTES = 4
 _BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_PRIVATE = 0x80
+"""From this opcode on records are of other programs."""
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
 
 
@@ -244,8 +246,8 @@ class BagFile:
     def _take(self, record: RecordPlace) -> None:
         """Read one record, completely or not at all; raises Damage."""
         match record.opcode:
-            case 0:
-                raise Damage(record.offset, describe(record.opcode))
+            case opcode if opcode < _PRIVATE and opcode not in set(Opcode):
+                raise Damage(record.offset, describe(opcode))
             case Opcode.DATA_END | Opcode.FOOTER:
                 self._ended = True
             case Opcode.METADATA:
@@ -301,11 +303,11 @@ class BagFile:
         )
 
     def _define(self, opcode: int, body: bytes, offset: int) -> None:
-        """Register a schema or a channel."""
+        """Register a schema or a channel; other records define nothing."""
         if opcode == Opcode.SCHEMA:
             schema = parse(Schema, body, offset)
             self._schemas[schema.id] = schema
-        else:
+        elif opcode == Opcode.CHANNEL:
             channel = parse(Channel, body, offset)
             topic = topic_of(channel, self._schemas, offset)
             self.topics[channel.id] = topic
@@ -316,13 +318,24 @@ class BagFile:
         """Return the messages among records, and register the channels that the records define."""
         places, heads, others = message_heads(content, starts, offset)
         for opcode, begin, end in others:
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._define(opcode, content[begin:end], offset)
+            self._define(opcode, content[begin:end], offset)
+        if not self._known[heads["channel"]].all():
+            self._define_before(offset)
         known = self._known[heads["channel"]]
         if not known.all():
             channel = heads["channel"][~known][0]
             raise Damage(offset, f"a message of the unknown channel {channel}")
         return Part(content, places + HEAD.size + MESSAGE.size, heads)
+
+    def _define_before(self, offset: int) -> None:
+        """Register the channels that are defined in the blocks before an offset."""
+        for block in self.blocks:
+            if block.offset >= offset:
+                return
+            content = self._content(block)
+            _, _, others = message_heads(content, np.zeros(1, dtype=int), block.offset)
+            for opcode, begin, end in others:
+                self._define(opcode, content[begin:end], block.offset)
 
     def _count(self, heads: np.ndarray) -> None:
         """Count messages, and the bytes of their data."""

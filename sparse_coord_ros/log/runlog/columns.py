@@ -63,6 +63,8 @@ class Columns:
             parts = {name: [no_rows(form)] for name, (_, form) in forms.items()}
             for part in bag.parts([place]):
                 for name, heads, begins in self._by_topic(bag, part):
+                    if name not in self._decode:  # it was defined just now
+                        self._decode = Decoder(bag.topics)
                     parts[name].append(self._read(name, part.content, heads, begins))
             self.rows.append(
                 {name: np.concatenate(found) for name, found in parts.items()}

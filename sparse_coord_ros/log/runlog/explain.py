@@ -97,8 +97,10 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         robot: the robot's number.
         steps: the time steps, ascending.
     """
-    first, memory = _tables_before(log, robot, steps[0]) if steps else (0, None)
     doubt = log.why_not_computed(robot)
+    first, memory = 0, None
+    if doubt is None and steps:
+        first, memory = _tables_before(log, robot, steps[0])
     trajectory = trajectory_of(log, robot, first)
     replay = None
     if memory is not None:

@@ -60,19 +60,30 @@ class PerceptCheck:
             yield self._difference(step, f"own position {tuple(own)}", f"cell {here}")
         peers = self._trajectory.peers[place].tolist()
         if seen:
-            due = [list(log.frame.centres[cells[peer]]) for peer in peers]
-            if seen != due:
-                words = _cells([log.frame.cell(*place) for place in seen])
-                yield self._difference(step, words, _cells([cells[p] for p in peers]))
-            if not self._succeeds(step, cells, peers):
-                words = PerceptEnd.ANSWERED.words, PerceptEnd.REFUSED.words
-                yield self._difference(step, *words)
+            yield from self._answered(step, seen, cells, peers)
             yield from self._ended(step, end, PerceptEnd.ANSWERED)
         elif not peers:
             yield from self._ended(step, end, PerceptEnd.NOBODY_TO_ASK)
         else:
             yield from self._ended(step, end, PerceptEnd.REFUSED, PerceptEnd.LATE)
             yield from self._refused(step, end, cells, peers)
+
+    def _answered(
+        self,
+        step: int,
+        seen: Sequence[Sequence[float]],
+        cells: Sequence[int],
+        peers: Sequence[int],
+    ) -> Iterator[Finding]:
+        """Check that a percept has the peers' cells, and succeeds by its draw."""
+        frame = self._log.frame
+        due = [cells[peer] for peer in peers]
+        if [tuple(place) for place in seen] != [frame.centres[cell] for cell in due]:
+            found = [frame.cell(x, y) for x, y in seen]
+            yield self._difference(step, _cells(found), _cells(due))
+        if not self._succeeds(step, cells, peers):
+            words = PerceptEnd.ANSWERED.words, PerceptEnd.REFUSED.words
+            yield self._difference(step, *words)
 
     def _refused(
         self, step: int, end: float, cells: Sequence[int], peers: Sequence[int]

@@ -189,6 +189,7 @@ class Replay:
 
 def _reward(logged: np.ndarray) -> Reward:
     """Return a logged reward in the form that agents take."""
-    *parts, partners = logged.tolist()
+    individual, common, cost, total, partners = logged.tolist()
     known = 0 <= partners < 2.0**53  # NaN if it is not logged
-    return Reward(*parts, int(partners) if known else UNKNOWN_PARTNERS)
+    seen = int(partners) if known else UNKNOWN_PARTNERS
+    return Reward(individual, common, cost, total, seen)

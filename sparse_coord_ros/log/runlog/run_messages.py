@@ -3,7 +3,7 @@
 """A bag's messages sorted by topic and time step, with notes on errors in them."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class RunMessages:
     Args:
         bag: the bag, or a part of one.
         found: its run.
-        only: the topics to read, the others seem to have no messages; None: all but `ROSOUT`.
+        only: the topics to read, the others seem to have no messages; None: all.
 
     Attributes:
         bag: the bag.
@@ -55,7 +55,6 @@ class RunMessages:
         coordination_maps: time steps and rows of each robot's maps, with the grid's `data`.
         statuses: the world's statuses, in the order of the log.
         requests: the dialogue.
-        rosout: the decoded messages of `ROSOUT`, if `only` includes it.
         tables: the attached tables.
         problems: unreadable messages and tables, and messages of a time step that contradict each
             other.
@@ -70,7 +69,7 @@ class RunMessages:
         self.problems: list[Difference] = []
         self._prefix = found.prefix
         self._period = Frame(self.run).period
-        columns = Columns(bag, self._forms(only), only)
+        columns = Columns(bag, self._forms(), only)
         self._files = columns.rows
         self._note_unreadable(columns)
         robots = range(len(self.names))
@@ -82,9 +81,8 @@ class RunMessages:
         self.statuses = self._statuses()
         events = [self._chained(wire.SERVICE_EVENTS, k) for k in robots]
         self.requests = put_together(events, self._period)
-        self.rosout = self._all_rows(wire.ROSOUT.name)
 
-    def _forms(self, only: Only) -> Forms:
+    def _forms(self) -> Forms:
         """Return the run's topics by their full names, each with its `Reading`."""
         rewards = messages.REWARD_FORM
         if self.run.scenario.referee:
@@ -102,8 +100,6 @@ class RunMessages:
             for name in self.names:
                 found[self._prefix + topic.of(name)] = topic, form
         found[self._prefix + wire.STATUS.name] = wire.STATUS, read_status
-        if only is not None:
-            found[wire.ROSOUT.name] = wire.ROSOUT, _as_it_is
         return found
 
     def _note_unreadable(self, columns: Columns) -> None:
@@ -143,10 +139,6 @@ class RunMessages:
         with_last = topic is wire.LOCAL_STATE
         return segments.chained(files, self.segments, self._period, with_last=with_last)
 
-    def _all_rows(self, name: str) -> list[Any]:
-        """Return the decoded messages of a topic in all files."""
-        return [one for rows in self._files for one in rows.get(name, ())]
-
     def _series(self, topic: wire.Topic, k: int) -> Series:
         """Return a robot's messages on a topic with one message a time step.
 
@@ -155,16 +147,16 @@ class RunMessages:
         rows = self._chained(topic, k)
         steps = segments.steps_of(rows, self._period)
         for place in np.flatnonzero(rows["ns"] != steps * self._period).tolist():
-            words = f"{topic.name} stamp", f"{rows['ns'][place]} ns"
+            logged = f"{rows['ns'][place]} ns"
             due = f"{steps[place] * self._period} ns"
-            self.problems.append(self.difference(int(steps[place]), k, *words, due))
+            words = f"{topic.name} stamp", logged, due
+            self.problems.append(self.difference(int(steps[place]), k, *words))
         found, first = np.unique(steps, return_index=True)
         for place in np.setdiff1d(np.arange(len(steps)), first).tolist():
             step = steps[place]
             other = rows[first[np.searchsorted(found, step)]]
             if rows[place].tobytes() != other.tobytes():
-                both = f"{other.tolist()[1:]} and {rows[place].tolist()[1:]}"
-                words = topic.name, f"twice, with {both}", "once"
+                words = topic.name, "twice, with different content", "once"
                 self.problems.append(self.difference(int(step), k, *words))
         return Series(found, rows[first])
 
@@ -187,10 +179,6 @@ class RunMessages:
                 if of_run and knows and status.step < end:
                     found.append(status)
         return found
-
-
-def _as_it_is(message: Any) -> Any:
-    return message
 
 
 def read_messages(path: Path) -> RunMessages:

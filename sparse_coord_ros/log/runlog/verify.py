@@ -4,14 +4,14 @@
 
 Step by step the world is computed from the logged actions, and each robot's agent is fed the
 logged states, percepts and rewards. There are three results: the run is identical; it differs at a
-time step in a quantity; or it is undecided from a time step on, because the log lacks a message, or
-code may not be imported. The first finding ends the computation.
+time step in a quantity; or it is undecided from a time step on, because messages are missing in
+the log, or code may not be imported. The first finding ends the computation.
 """
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
 
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.log.runlog.agents import AgentCheck
@@ -138,12 +138,14 @@ class _Comparison:
     def findings(self) -> Iterator[Finding]:
         """Yield differences, and where the run is undecided; only the first one is valid."""
         log = self.log
-        problems = sorted(log.problems, key=lambda one: one.step)
+        problems = deque(sorted(log.problems, key=lambda one: one.step))
+        while problems and problems[0].step <= 0:
+            yield problems.popleft()
         for agent in self.agents:
             yield from agent.begin()
         for step in self.world.steps:
             while problems and problems[0].step <= step:
-                yield problems.pop(0)
+                yield problems.popleft()
             yield from self.world.arrive(step)
             for places, percepts in zip(self._places, self._percepts, strict=False):
                 if step in places:

@@ -146,7 +146,6 @@ TEAM, ROBOT, NODE = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
-_TRUTH = "std_msgs/msg/Bool"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _NUMBERS = "sensor_msgs/msg/JointState"
 _GRID = "nav_msgs/msg/OccupancyGrid"
@@ -211,11 +210,10 @@ RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
 BODY_GOALS = Topic(
     *("goals", _NUMBERS, TEAM, _LATCHED),
     recorded=False,
-    labels=("number", "place", "since", "halt"),
+    labels=("number", "place", "since"),
 )
 """The goals of bodies; see `protocol.lockstep.bodies`. After its own numbers come, for each robot
-with a goal, `GOAL_LABELS` below the robot's name: `robot_1/from`, `robot_1/to`, cells. The order
-on halting is in the same message: a driver that starts late never receives a goal without it."""
+with a goal, `GOAL_LABELS` below the robot's name: `robot_1/from`, `robot_1/to`, cells."""
 
 GOAL_LABELS = ("from", "to")
 
@@ -224,9 +222,6 @@ REACHED = Topic(
     "reached", _NUMBERS, ROBOT, _EVENT, recorded=False, labels=REACHED_LABELS
 )
 """A driver's report of the body's cell at the end of its goal; cell -1: in none."""
-
-HALTED = Topic("halted", _TRUTH, ROBOT, _LATCHED, recorded=False)
-"""A driver's report: whether it has stopped the body because of an order to halt."""
 
 POSE = Topic("pose", _POSE, ROBOT, _STEP, recorded=False)
 ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
@@ -287,7 +282,6 @@ class RunState(StrEnum):
     LEARNING = "learning"
     GREEDY = "acting greedily"
     PAUSED = "paused"
-    HALTED = "halted"
     FINISHED = "finished"
     STOPPED = "stopped"
 

@@ -32,8 +32,5 @@ PAUSE = Service("pause", "std_srvs/srv/SetBool")
 STEP = Service("step", "std_srvs/srv/Trigger")
 """Of the world and the player: pause or resume; make one time step."""
 
-HALT = Service("halt", "std_srvs/srv/SetBool")
-"""Of a world with bodies, and of each driver: stop all bodies, or this one; or continue."""
-
 RESET = Service("reset", "std_srvs/srv/Trigger")
 """Of the world: begin a new episode."""

@@ -34,9 +34,6 @@ ENDINGS = {
 }
 """The counter of each status of a failed goal; any other status is of a server that came back."""
 
-HALT_SECONDS = 1.0
-"""After so long the same request to halt is a new one: it may be for a newer goal."""
-
 TWO_SERVERS_SECONDS = 25.0
 """How long a second server may stay: a killed one stays in the graph for 20 s."""
 
@@ -80,7 +77,6 @@ class Nav2DriverNode(MoverNode):
         self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
-        self._halting: tuple[float, Future] | None = None
 
     def make(self, metric_map: MetricMap, number: int) -> Navigator:
         """Return the state machine that decides on goals."""
@@ -107,7 +103,8 @@ class Nav2DriverNode(MoverNode):
         self.drive()
 
     def report(self) -> None:
-        """Warn if Nav2's action has a second server by now; called every second."""
+        """Also warn if Nav2's action has a second server by now."""
+        super().report()
         servers = self._servers()
         if self.on_duty and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
@@ -145,28 +142,16 @@ class Nav2DriverNode(MoverNode):
         waits = not answer.done() and now - since < ANSWER_SECONDS
         return "Nav2 to end earlier goals" if waits else ""
 
-    def halt(self, why: str = "") -> None:
-        """Cancel the current goal; while the driver is halted, all goals of Nav2."""
+    def stop(self, why: str = "") -> None:
+        """Cancel the current goal."""
         if self._mover is not None:
             if why:
                 self.navigator.give_up(self._now(), "poses lost", why, blind=True)
             self.drive()
 
-    def set_halted(self, halted: bool, by: str) -> None:
-        """Cancel all of Nav2's goals, of any client; ask again at each call."""
-        super().set_halted(halted, by)
-        now = time.monotonic()
-        if not halted:
-            self._halting = None
-        elif self._halting is None or now - self._halting[0] >= HALT_SECONDS:
-            if self._halting is not None:
-                self._cancelling.remove_pending_request(self._halting[1])
-            self._halting = now, self.cancel_all()
-
     def stands(self) -> bool:
-        """Return whether Nav2 has confirmed that all goals are over."""
-        clear = self._mover is None or self.navigator.clear
-        return clear and self._halting is not None and self._halting[1].done()
+        """Return whether Nav2 has confirmed that the goal is over."""
+        return self._mover is None or self.navigator.clear
 
     def settled(self) -> bool:
         """Cancel Nav2's goals; return whether it has confirmed the end, or time is up."""
