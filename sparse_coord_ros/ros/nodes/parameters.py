@@ -50,7 +50,6 @@ from sparse_coord_ros.core.runs.run_config import (
     make_run,
 )
 from sparse_coord_ros.lab.driving.trials import (
-    BODY_SETTINGS,
     DRIVER_SETTINGS,
     NAV2_SETTINGS,
 )
@@ -89,7 +88,7 @@ _MORE: Mapping[str, Mapping[str, Setting]] = {
     },
     "driver": DRIVER_SETTINGS,
     "nav2_driver": NAV2_SETTINGS,
-    "body": BODY_SETTINGS,
+    "body": {"radius": DRIVER_SETTINGS["radius"]},
     "watch": PAGE_SETTINGS,
 }
 _TEAM = _OWN.pop("team")
