@@ -5,7 +5,7 @@
 import argparse
 from collections.abc import Iterator
 
-from sparse_coord_ros.cli.options import BAG, JSON, tell
+from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, tell
 
 UNDECIDED = 3
 """Exit code."""
@@ -17,7 +17,7 @@ NOT_COMPARED = (
 EXAMPLE = "sparse_coord verify runs/demo/bag"
 
 
-OPTIONS = (BAG, JSON)
+OPTIONS = (BAG, ALLOW, JSON)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -200,8 +200,8 @@ def test_explain_finds_the_next_one(sparse_coord, good):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--step", "soon"], "'soon', allowed: a whole number from 0"),
-        (["--step", "9" * 5000], "allowed: a whole number from 0"),
+        (["--step", "soon"], "'soon', allowed: a whole number of at least 0"),
+        (["--step", "9" * 5000], "allowed: a whole number of at least 0"),
         (["--robot", "robot_3"], "no such robot (did you mean 'robot_"),
     ],
 )

@@ -24,8 +24,7 @@ from sparse_coord_ros.base.errors import (
     check_format,
     check_function,
 )
-from sparse_coord_ros.base.files import path_argument, write_whole
-from sparse_coord_ros.base.limits import RESULTS, read_text
+from sparse_coord_ros.base.files import path_argument, read_text, write_whole
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.actions import (
     ACTIONS,
@@ -34,7 +33,6 @@ from sparse_coord_ros.core.game.actions import (
     PRIMITIVES,
 )
 from sparse_coord_ros.core.game.interactions import interactions_of
-from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
@@ -158,7 +156,6 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     grid = scenario.map
     cells = len(grid.cells)
     what = "search for the best asking team"
-    check_up(scenario.link, what)
     check_pairs(grid, f"in the {what}", MOST_STATES)
     percept = probabilities_between(
         sight_of(scenario.perception, grid), np.arange(cells)
@@ -372,7 +369,7 @@ def _kept(
     """Return the values and the best team of a search that was cut off."""
     if file is None or not file.exists():
         return [], None
-    text = read_text(file, RESULTS, ResultsError, "give another file")
+    text = read_text(file, ResultsError, "give another file")
     try:
         data = json.loads(text)
         check_format(data["format"], str(file), ResultsError)

@@ -63,7 +63,6 @@ class WorldCheck:
         self._statuses = deque(messages.statuses)
         self._move = log.move.tolist()
         self._asked = log.asked.tolist()
-        self._parts = len(wire.REWARD.labels) + bool(log.run.scenario.referee)
         self._begun = False
         self._went_on = False
 
@@ -144,8 +143,8 @@ class WorldCheck:
             yield from self._bodies(world, step)
         outcome = world.advance(actions)
         for k in rewarded:
-            logged = self._log.rewards[row, k, : self._parts]
-            due = np.array(outcome.rewards[k][: self._parts], dtype=np.float64)
+            logged = self._log.rewards[row, k]
+            due = np.array(outcome.rewards[k], dtype=np.float64)
             if logged.tobytes() != due.tobytes():
                 words = wire.REWARD.name, _parts(logged.tolist()), _parts(due.tolist())
                 yield self._log.messages.difference(step, k, *words)
@@ -203,6 +202,5 @@ def _lost(step: int, what: str) -> Undecided:
 
 
 def _parts(numbers: Sequence[float]) -> str:
-    labels = (*wire.REWARD.labels, wire.PARTNERS)
-    pairs = zip(labels, numbers, strict=False)
+    pairs = zip(wire.REWARD.labels, numbers, strict=True)
     return " ".join(f"{label}={number!r}" for label, number in pairs)

@@ -84,12 +84,9 @@ class RunMessages:
 
     def _forms(self) -> Forms:
         """Return the run's topics by their full names, each with its `Reading`."""
-        rewards = messages.REWARD_FORM
-        if self.run.scenario.referee:
-            rewards = messages.REFEREED_FORM
         of_robot: dict[wire.Topic, Reading] = {
             wire.LOCAL_STATE: messages.POSE_FORM,
-            wire.REWARD: rewards,
+            wire.REWARD: messages.REWARD_FORM,
             wire.ACTION: messages.ACTION_FORM,
             wire.PERCEPT: messages.percept_form(len(self.names)),
             wire.COORDINATION_MAP: messages.grid_form(Frame(self.run)),

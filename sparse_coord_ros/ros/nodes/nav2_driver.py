@@ -6,8 +6,7 @@ The action must have one server: goals go to all servers, and two would steer on
 finds one server before the other. So before its first goal the node waits until it has seen a
 single server for a while. It ends if a second server stays. A server that appears later is
 reported: to stop halfway would not help. (rclpy's EventsExecutor ends the process with a
-segmentation fault when several servers answer. Its SingleThreadedExecutor does not, and is the
-default.)
+segmentation fault when several servers answer; its SingleThreadedExecutor does not.)
 """
 
 import functools
@@ -18,6 +17,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from sparse_coord_ros.base.errors import RunError, needed
@@ -80,13 +80,8 @@ class Nav2DriverNode(MoverNode):
 
     def make(self, metric_map: MetricMap, number: int) -> Navigator:
         """Return the state machine that decides on goals."""
-        values = self.values
-        side = metric_map.side
-        near = values["near"] * side
-        detour = values["detour"] * side
-        seconds = values["step_seconds"]
-        silence = values["feedback_timeout"]
-        limits = NavLimits(near, seconds, silence, detour, values["bring"])
+        near = self.values["near"] * metric_map.side
+        limits = NavLimits(near, self.values["step_seconds"])
         self.navigator = Navigator(metric_map, limits, number, self)
         return self.navigator
 
@@ -191,7 +186,7 @@ class Nav2DriverNode(MoverNode):
                 f"no server of {self._name}", throttle_duration_sec=5.0
             )
             return False
-        goal = self._type.Goal(behavior_tree=self.values["behavior_tree"])
+        goal = self._type.Goal()
         goal.pose.header.frame_id = self.values["map_frame"]
         goal.pose.pose = pose_message(target)
         heard = self.guarded(functools.partial(self._on_feedback, ticket))
@@ -244,4 +239,7 @@ class Nav2DriverNode(MoverNode):
 
 def main() -> int:
     """Run the node `nav2_driver`."""
-    return run_node(lambda context: Nav2DriverNode(context=context))
+    return run_node(
+        lambda context: Nav2DriverNode(context=context),
+        executor=lambda context: SingleThreadedExecutor(context=context),
+    )
