@@ -56,7 +56,7 @@ def attached_tables(bag: Bag, run: RunConfig) -> Iterator[tuple[int, int, Attach
             match = NAME.fullmatch(attachment.name)
             if match is not None and match[1] in robots:
                 step = int(match[2])
-                if begin <= step <= end:
+                if begin <= step < end:
                     yield robots.index(match[1]), step, attachment
 
 
