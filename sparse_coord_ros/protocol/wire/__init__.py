@@ -19,11 +19,10 @@ from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
 class Owner(StrEnum):
-    """The owner of a topic: the team, each robot, or each world or robot node."""
+    """The owner of a topic: the team, or each robot."""
 
     TEAM = "team"
     ROBOT = "robot"
-    NODE = "node"
 
 
 class Delivery(StrEnum):
@@ -48,7 +47,7 @@ class Topic:
     """One topic.
 
     Attributes:
-        name: relative to the team's namespace, or to the robot's or node's name.
+        name: relative to the team's namespace, or to the robot's name.
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: its owner.
         delivery: its quality of service.
@@ -70,7 +69,7 @@ class Topic:
     limit: Limit = limits.MESSAGE
 
     def of(self, owner: str) -> str:
-        """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
+        """Return the topic's name below a robot's name; "": the team's."""
         return f"{owner}/{self.name}" if owner else self.name
 
     @property
@@ -142,7 +141,7 @@ PARTNERS = "partners"
 """A further label of `reward` in a world with a `referee`: the sum of 2^(j-1) over the robots j
 (from 1) with which the robot interacted."""
 
-TEAM, ROBOT, NODE = Owner
+TEAM, ROBOT = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
@@ -192,10 +191,6 @@ PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 
 TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
 """A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
-
-CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
-"""Claims of the world and of every robot: `frame_id` is the node's identity and its `ClaimRank`.
-The stamp (the claim's beginning by the wall clock) is for people only."""
 
 _EVENTS = (
     f"{ACTIVE_PERCEPTION.name}/_service_event",
@@ -302,17 +297,6 @@ class StartReason(StrEnum):
     STEPS = "steps"
     RESET = "reset"
     NOBODY_LEFT = "nobody"
-
-
-class ClaimRank(IntEnum):
-    """Ranks of claims to a node's name: the node in the more advanced state keeps its name.
-
-    The node checks whether the name is taken; it has the name; it takes part in a run.
-    """
-
-    STARTING = 0
-    HOLDING = 1
-    JOINED = 2
 
 
 class Occasion(StrEnum):
