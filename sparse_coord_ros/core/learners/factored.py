@@ -34,7 +34,6 @@ from sparse_coord_ros.core.learners.corrections import (
     gain,
     learn_rho,
     rho_key,
-    states_of,
 )
 from sparse_coord_ros.core.learners.factored_memory import check_factored_memory
 from sparse_coord_ros.core.learners.learner import Learner
@@ -187,13 +186,6 @@ class Factored(Learner):
     def rows_of_a_cell(self, scenario: Scenario) -> int:
         """As of `Learner`: one for each peer's cell, and one for failed percepts."""
         return (len(scenario.robots) - 1) * len(scenario.map.cells) + 1
-
-    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
-        """As of `Learner`: corrections that are not 0."""
-        cells = len(scenario.map.cells)
-        robots = len(scenario.robots)
-        keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
-        return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """As of `Learner`."""

@@ -350,12 +350,6 @@ class Learner:
         """Return the largest number of rows that depend on peers, for each own cell."""
         return int(len(scenario.map.cells) ** (scenario.perceived - 1))
 
-    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
-        """Return the number of such rows learned, by the own cell, (cells,), int64."""
-        keys = memory.get("q_coord_keys", np.zeros(0, dtype=np.int64))
-        own = keys // self.rows_of_a_cell(scenario)
-        return np.bincount(own, minlength=len(scenario.map.cells))
-
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts while it learns.
 

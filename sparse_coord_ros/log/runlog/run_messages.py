@@ -72,7 +72,7 @@ class RunMessages:
     Args:
         bag: the bag, or a part of one.
         found: its run.
-        only: the topics to read, the others seem to have no messages; None: all but `ROSOUT`.
+        only: the topics to read, the others seem to have no messages; None: all.
 
     Attributes:
         bag: the bag.
@@ -93,7 +93,6 @@ class RunMessages:
         ended: whether the world's last status is the end of the run. If only a part is read it is
             True.
         requests: the dialogue.
-        rosout: the decoded messages of `ROSOUT`, if `only` includes it.
         tables: the attached tables.
         stalls: pauses in which the recorder did not run.
         rollbacks: returns of the team to a checkpoint; superseded messages are left out.
@@ -139,12 +138,6 @@ class RunMessages:
         self.ended = over or bag.part or only is not None
         self.requests: list[Request] = []
         self._read_dialogue()
-        self.rosout = [
-            message
-            for rows in self._files
-            if wire.ROSOUT.name in rows
-            for message in rows[wire.ROSOUT.name].tolist()
-        ]
 
     def _forms(self) -> Forms:
         """Return the run's topics by their full names, each with its `Reading`."""
@@ -175,11 +168,8 @@ class RunMessages:
 
     def _read(self, only: Only) -> Columns:
         """Read the bag's messages as columns."""
-        forms = dict(self.forms)
-        if only is not None:
-            forms[wire.ROSOUT.name] = wire.ROSOUT, _as_it_is
         begins = {back.file: (back.first - 1) * self._period for back in self._backs}
-        return Columns(self.bag, forms, only, self._period, begins)
+        return Columns(self.bag, self.forms, only, self._period, begins)
 
     @property
     def incomplete(self) -> bool:
@@ -516,10 +506,6 @@ class RunMessages:
                 self.foreign.append(one)
             elif step < end and not (unasked and may_be_asked_before(step, back)):
                 self.problems.append(one)
-
-
-def _as_it_is(message: Any) -> Any:
-    return message
 
 
 def _of_status(status: RunStatus, *words: str) -> Difference:
