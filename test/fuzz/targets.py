@@ -14,18 +14,13 @@ import os
 import random
 import re
 import shutil
-import time
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from domains import ros_domain
 from floor_plans import write_grid
-from patience import PATIENCE_SECONDS
-from strangers import FAR, damaged, message_with
 from teams import tables_in
 
 from sparse_coord_ros.base import npz
@@ -54,6 +49,7 @@ Read = Callable[[], object]
 Cases = Callable[[random.Random], Read]
 Target = Callable[[Path, Path], Cases]
 
+ODD_NUMBERS = (0, 1, -1, 2**31 - 1, -(2**31), 2**63 - 1, 2**64 - 1, 10**5, 255, 65_536)
 ODD_VALUES = (
     *" ~ [] {} -1 0 1 1e999 .nan -.inf 1:1:1 0o17 010 yes 2020-13-01 *a ' | ? null NaN".split(
         " "
@@ -95,6 +91,28 @@ ODD_VALUES = (
     ),
     "&a [x,x]\nb: &b [*a,*a]\nc: &c [*b,*b]",
 )
+
+
+def damaged(chance: random.Random, data: bytes) -> bytes:
+    """Return data with some bytes, bits, or numbers changed, or a part cut, doubled or zeroed."""
+    changed = bytearray(data)
+    for _ in range(chance.choice((0, 1, 1, 1, 2, 3, 8))):
+        at = chance.randrange(len(changed) + 1)
+        size = chance.choice((1, 2, 4, 8))
+        long = chance.choice((1, 4, 50, 500, 5000))
+        part = changed[at : at + long]
+        number = chance.choice((*ODD_NUMBERS, chance.randrange(1000))) % 256**size
+        put = (
+            bytes(byte ^ 1 << chance.randrange(8) for byte in part[:1]),
+            number.to_bytes(size, "little"),  # a size or a count
+            b"",
+            bytes(part + part),
+            chance.randbytes(min(long, 50)),
+            bytes(len(part)),
+        )
+        kind = chance.randrange(len(put))
+        changed[at : at + (len(put[kind]) if kind < 2 else len(part))] = put[kind]
+    return bytes(changed)
 
 
 def changed_text(chance: random.Random, text: str) -> bytes:
@@ -404,163 +422,6 @@ def _signed(chance: random.Random, text: bytes) -> bytes:
     return text
 
 
-STALL = 0.1
-"""Seconds that a message may keep a node of the lock step: twice what it is to be, as this machine
-also does other things."""
-LIFE = 1500
-"""Cases until the nodes begin anew: a message that fits is believed."""
-
-
-class Nodes:
-    """A team under way, and nodes that wait for a run; their callbacks are called, without DDS."""
-
-    def __init__(self, folder: Path) -> None:
-        from sparse_coord_ros.ros.nodes.body import BodyNode
-        from sparse_coord_ros.ros.nodes.driver import DriverNode
-        from sparse_coord_ros.ros.nodes.recorder import Recorder
-        from sparse_coord_ros.ros.nodes.robot import RobotNode
-        from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
-        from sparse_coord_ros.ros.nodes.watch import WatchNode
-        from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
-
-        self._stack = ExitStack()
-        os.environ["ROS_DOMAIN_ID"] = str(self._stack.enter_context(ros_domain()))
-        context: Any = self._stack.enter_context(ros_context())
-        self._executor = make_executor("events", context)
-        free: dict[str, Any] = {"claim_window": 0.0, "startup_timeout": 0.0}
-        calm = {"startup_timeout": 0.0}
-        out = str(folder / str(time.monotonic_ns()))
-        world = {"scenario": "env1", "rate": 0.001, "recorded": True, "seed": 1, **free}
-        place: Any = {"context": context}
-        self.world = WorldSimulator(values=world, **place)
-        self.lock_step = [
-            self.world,
-            *(
-                RobotNode(name=name, values=free, **place)
-                for name in ("robot_1", "robot_2")
-            ),
-        ]
-        self.under_way: list[Any] = [
-            *self.lock_step,
-            Recorder(values={"out": out, **calm}, **place),
-            WatchNode(values={"port": 0}, **place),
-        ]
-        place["namespace"] = "/waiting"
-        self.waiting: list[Any] = [
-            RobotNode(name="robot_1", values=free, **place),
-            Recorder(values={"out": f"{out}_", **calm}, **place),
-            DriverNode(name="d", values={"robot": "robot_1", **calm}, **place),
-            BodyNode(values=calm, **place),
-            WatchNode(values={"port": 0}, **place),
-        ]
-        self.all = [*self.under_way, *self.waiting]
-        for node in self.all:
-            self._executor.add_node(node)
-        end = time.monotonic() + PATIENCE_SECONDS
-        while not self.world.lockstep.complete and time.monotonic() < end:
-            self._spin(1)
-        assert self.world.lockstep.complete, "the team does not begin"
-
-    def _spin(self, turns: int) -> None:
-        for _ in range(turns):
-            self._executor.spin_once(timeout_sec=0.001)
-
-    def close(self) -> None:
-        """Take all down."""
-        for node in self.all:
-            with contextlib.suppress(Exception):
-                node.finish(interrupted=True)
-            self._executor.remove_node(node)
-            node.destroy_node()
-        self._executor.shutdown()
-        self._stack.close()
-
-    def hear(self, node: Any, call: Callable[[], object]) -> None:
-        """Let a node take in a message or a request, and see how all are.
-
-        Raises:
-            RuntimeError: it was kept too long, or a node under way ends.
-            SparseCoordError: a node that waits ends in one line.
-        """
-        begin = time.thread_time()
-        call()
-        took = time.thread_time() - begin
-        if node in self.lock_step and took > STALL:
-            raise RuntimeError(f"{node.get_name()} was kept for {took:.2f} s")
-        self._spin(2)
-        for one in self.all:
-            failure = one.failure
-            one.failure = None
-            if failure is not None and one in self.waiting:
-                raise failure
-            if failure is not None:
-                raise RuntimeError(f"{one.get_name()}, under way, ends: {failure}")
-
-
-def of_nodes(*, services: bool) -> Target:
-    """Return the target of all topics, or all services, of the nodes of a team."""
-
-    def target(sample: Path, folder: Path) -> Cases:
-        from nav_msgs.msg import Path as NavPath
-        from rclpy.serialization import serialize_message
-        from std_msgs.msg import String
-
-        os.environ["ROS_LOG_DIR"] = str(sample / "log")
-        scratch = sample / f"scratch_{os.getpid()}"
-        scratch.mkdir()
-        run_text = (sample / "run" / RUN_FILE).read_text()
-        said = {}
-        for one in open_bag(sample / "run" / "bag").messages():
-            said.setdefault(one.topic.rpartition("/")[2], []).append(one.data)
-        now = [Nodes(scratch)]
-        turns = [0]
-
-        def data_for(chance: random.Random, topic: Any) -> bytes:
-            name = topic.topic_name.rpartition("/")[2]
-            kind = chance.random()
-            if name == "run" and kind < 0.7:
-                text = now[0].world.run.to_yaml() if kind < 0.3 else run_text
-                changed = changed_text(chance, text).decode("utf-8", "replace")
-                return serialize_message(String(data=changed.replace("\0", "")))
-            if name in said and kind < 0.4:
-                return damaged(chance, chance.choice(said[name]))
-            data = serialize_message(
-                message_with(chance, topic.msg_type, stamp(chance))
-            )
-            return damaged(chance, data) if kind < 0.6 else data
-
-        def stamp(chance: random.Random) -> Callable[[], int]:
-            return lambda: chance.choice((0, 0, 1, 9, *FAR))
-
-        def cases(chance: random.Random) -> Read:
-            turns[0] += 1
-            if turns[0] % LIFE == 0 or any(node.done for node in now[0].under_way):
-                now[0].close()
-                now[0] = Nodes(scratch)
-            nodes = now[0]
-            node = chance.choice(nodes.all)
-            robots = nodes.lock_step[1:]
-            # an answer, of anybody
-            if services and node in robots and chance.random() < 0.3:
-                plan = message_with(chance, NavPath, stamp(chance))
-                peer = len(robots) - 1 - robots.index(node)
-                step = chance.randrange(3)
-                answer = node.guarded(node.member.peers.on_answer)
-                return lambda: nodes.hear(node, lambda: answer(peer, step, plan))
-            if services:
-                service: Any = chance.choice(list(node.services))
-                asked = message_with(chance, service.srv_type.Request, stamp(chance))
-                answer = service.srv_type.Response()
-                return lambda: nodes.hear(node, lambda: service.callback(asked, answer))
-            topic = chance.choice([one for one in node.subscriptions if one.raw])
-            data = data_for(chance, topic)
-            return lambda: nodes.hear(node, lambda: topic.callback(data))
-
-        return cases
-
-    return target
-
-
 def _share(folder: str) -> Callable[[Path], Path]:
     return lambda sample: Path(str(share_folder(folder)))
 
@@ -579,6 +440,4 @@ TARGETS: dict[str, Target] = {
     "checkpoint": of_arrays(CHECKPOINT_FILE, read_checkpoint),
     "bag": bag,
     "results": results,
-    "topics": of_nodes(services=False),
-    "services": of_nodes(services=True),
 }

@@ -17,8 +17,6 @@ CASES = {
     "checkpoint": 200,
     "bag": 150,
     "results": 2000,
-    "topics": 2000,
-    "services": 2000,
 }
 """Of each target: about ten seconds of a processor's time."""
 

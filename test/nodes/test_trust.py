@@ -31,11 +31,7 @@ from sparse_coord_ros.ros.nodes.watch import WatchNode
 FOREIGN = {"learner": "theirs:Team", "model": "coop"}
 
 NODES = {
-    "robot": (
-        lambda place, out: RobotNode(
-            name="robot_1", values={"claim_window": 0.0}, **place
-        )
-    ),
+    "robot": (lambda place, out: RobotNode(name="robot_1", values={}, **place)),
     "recorder": (
         lambda place, out: Recorder(values={"out": str(out / "bag")}, **place)
     ),
