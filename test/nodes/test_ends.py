@@ -19,7 +19,7 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.ros.nodes import spin
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.spin import ending, ros_context, run_node, signals
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -27,11 +27,8 @@ from sparse_coord_ros.ros.nodes.team import run_team
 class Faulty(ParameterNode):
     """A node whose timer raises an unexpected error."""
 
-    def __init__(self, context, error, executor):
-        table = SettingTable([PARAMETERS["robot"]["executor"]])
-        super().__init__(
-            "faulty", table, context=context, values={"executor": executor}
-        )
+    def __init__(self, context, error):
+        super().__init__("faulty", SettingTable([]), context=context, values={})
         self.said = []
         self.create_timer(0.01, lambda: self._raise(error))
 
@@ -44,24 +41,21 @@ class Faulty(ParameterNode):
 
 
 @pytest.mark.parametrize(
-    ("executor", "error", "code", "text", "told"),
+    ("error", "code", "text", "told"),
     [
         (
-            "events",
             KeyError("x"),
             1,
             "error: unexpected KeyError: 'x' (",
             "Traceback (most recent call",
         ),
         (
-            "single",
             RunError("no such thing"),
             2,
             "error: no such thing",
             "no such thing",
         ),
         (
-            "events",
             OSError(28, "No space left", "/a/b"),
             2,
             "error: /a/b: No space left; ",
@@ -69,16 +63,13 @@ class Faulty(ParameterNode):
         ),
     ],
 )
-def test_any_exception_saves_and_is_told(
-    benches, capfd, executor, error, code, text, told
-):
+def test_any_exception_saves_and_is_told(bench, capfd, error, code, text, told):
     """The error is one line, with an exit code, and on /rosout."""
-    bench = benches(executor)
     heard = bench.observer().listen(Log, "/rosout", latched=True)
     nodes = []
 
     def make(context):
-        nodes.append(Faulty(context, error, executor))
+        nodes.append(Faulty(context, error))
         return nodes[0]
 
     assert run_node(make, []) == code

@@ -143,9 +143,6 @@ class RunMessages:
         """Return the run's topics by their full names, each with its `Reading`."""
         run = self.run
         frame = Frame(self.run)
-        rewards = messages.REWARD_FORM
-        if run.scenario.referee:
-            rewards = messages.REFEREED_FORM
         of_team: dict[wire.Topic, Reading] = {
             wire.CLOCK: messages.CLOCK_FORM,
             wire.MAP: messages.grid_form(frame, OccupancyData(frame).map),
@@ -154,7 +151,7 @@ class RunMessages:
         }
         of_robot: dict[wire.Topic, Reading] = {
             wire.LOCAL_STATE: messages.POSE_FORM,
-            wire.REWARD: rewards,
+            wire.REWARD: messages.REWARD_FORM,
             wire.ACTION: messages.ACTION_FORM,
             wire.PERCEPT: messages.percept_form(len(self.names)),
             wire.COORDINATION_MAP: messages.grid_form(frame),

@@ -395,16 +395,10 @@ class Recorder(Follower):
             raise RunError(
                 f"{self.directory}: holds the recording of another run; {remedy}"
             )
-        values = self.values
-        longest = round(self.values["max_bagfile_duration"] * SECOND)
-        options: dict[str, Any] = {
-            "compression": values["compression"],
-            "max_ns": longest,
-        }
-        options["max_bytes"] = values["max_bagfile_size"]
+        options: dict[str, Any] = {}
         order = Order() if self.status is None else self.status.order
         if earlier is not None:
-            options |= {"earlier": earlier, "why": why_of(order)}
+            options = {"earlier": earlier, "why": why_of(order)}
         bag = (BagWriter if self.direct is None else BagProcess)(
             self.directory, **options
         )
