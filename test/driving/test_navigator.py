@@ -12,8 +12,8 @@ from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.navigator import (
     ANSWER_SECONDS,
     SETTLE_SECONDS,
+    SILENCE_SECONDS,
     Navigator,
-    NavLimits,
 )
 from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
@@ -22,20 +22,21 @@ CELLS = RUN.scenario.map.number
 START = CELLS[0, 0]
 END = CELLS[1, 0]
 GROUND = MetricMap(RUN)
-LIMITS = NavLimits(near=0.1, seconds=10.0, silence=1.0, detour=3.0)
+NEAR = 0.1
+SECONDS = 10.0
 
 
 class Server:
     """The port, and a clock: keeps what was asked for."""
 
-    def __init__(self, limits=LIMITS):
+    def __init__(self):
         self.sent = []
         self.cancelled = []
         self.said = []
         self.all = 0
         self.there = True
         self.now = 100.0
-        self.navigator = Navigator(GROUND, limits, 0, self)
+        self.navigator = Navigator(GROUND, NEAR, SECONDS, 0, self)
 
     def send(self, ticket, target):
         if self.there:
@@ -175,7 +176,7 @@ def test_a_rejected_goal_is_sent_again_with_backoff_until_time_is_over():
         times.append(server.now)
     gaps = [b - a for a, b in zip(times, times[1:-1], strict=False)]
     assert gaps == sorted(gaps) and gaps[0] < 0.5 and len(gaps) >= 4
-    assert server.now - times[0] == pytest.approx(LIMITS.seconds, abs=0.3)
+    assert server.now - times[0] == pytest.approx(SECONDS, abs=0.3)
     assert reached.cell == START and not reached.there and server.navigator.clear
 
 
@@ -226,7 +227,7 @@ def test_a_killed_server_costs_a_bounded_time(server):
     found = None
     begin = server.now
     while found is None:
-        assert server.now - begin < LIMITS.silence + ANSWER_SECONDS + 0.5
+        assert server.now - begin < SILENCE_SECONDS + ANSWER_SECONDS + 0.5
         found = server.pose(START)
     assert found.cell == START and server.navigator.clear
 
@@ -284,14 +285,6 @@ def test_to_its_first_cell_a_body_is_brought_however_long_it_takes():
     assert server.navigator.counts["out of time"] == 0
 
 
-def test_unless_somebody_else_brings_it():
-    server = Server(LIMITS._replace(bring=False))
-    server.pose(CELLS[0, 3])
-    server.go(place=True, end=START)
-    server.wait(5.0)
-    assert server.sent == [] and server.pose(START).there
-
-
 def test_held_it_cancels_and_sends_nothing(server):
     server.navigator.held = True
     server.pose(START)
@@ -345,7 +338,7 @@ def test_while_it_is_held_the_time_of_a_move_does_not_pass(server):
     server.navigator.held = True
     server.pose(START)
     server.tell("ended", "canceled", "")
-    assert server.wait(3 * LIMITS.seconds) is None
+    assert server.wait(3 * SECONDS) is None
     server.navigator.held = False
     server.pose(START)
     server.wait(1.5)

@@ -105,7 +105,7 @@ def test_a_run_goes_on_when_its_writer_is_killed(tmp_path):
         return False
 
     values = {"scenario": "env1", "set": ["steps=150"], "rate": 150.0, "record": True}
-    more = {"out": str(out), "claim_window": 0.0, "flush_steps": 10}
+    more = {"out": str(out), "flush_steps": 10}
     with ros_context() as context:
         summary = run_team({**values, **more}, context=context, stop=look)
     error = f"^the writer process of the bag {out / 'bag'} has ended; the rec"
@@ -180,7 +180,7 @@ def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.BagProcess", Broken)
     out = tmp_path / "out"
     values = {"scenario": "env1", "set": ["steps=30"], "out": str(out), "record": True}
-    quick = {"claim_window": 0.0, "startup_timeout": 30.0}
+    quick = {"startup_timeout": 30.0}
     with ros_context() as context:
         summary = run_team({**values, **quick}, context=context)
     assert (summary["transitions"], summary["recording_error"]) == (
@@ -257,7 +257,7 @@ def test_an_output_directory_that_is_deleted_is_made_again(
             if self.world.transitions == 20:
                 deleted.append(shutil.rmtree(out))
 
-    values = {"scenario": "env1", "out": str(out), "record": True, "claim_window": 0.0}
+    values = {"scenario": "env1", "out": str(out), "record": True}
     monkeypatch.setattr(
         "sparse_coord_ros.ros.nodes.world_simulator.WorldSide", Deleting
     )

@@ -10,7 +10,7 @@ its end; it cancels a goal that is no longer needed first.
 import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import GoalState, Mover
@@ -24,26 +24,14 @@ BACKOFF_SECONDS = 0.25
 LONGEST_BACKOFF = 4.0
 """Longest time until a goal is sent again; the time doubles with each repeat."""
 
+SILENCE_SECONDS = 1.0
+"""Longest silence of the server on a goal that it has accepted."""
+
+DETOUR = 3.0
+"""Remaining cells of a move beyond which it is given up: the server makes a detour."""
+
 ANSWER_SECONDS = 2.0
 """Longest wait for the server's answer to a goal, and to its cancelling."""
-
-
-class NavLimits(NamedTuple):
-    """Limits of the requests to the server.
-
-    Attributes:
-        near: metres from a place within which the body has arrived, with any result of the server.
-        seconds: longest time of a move.
-        silence: seconds without feedback until a goal is given up; 0: for ever.
-        detour: remaining metres beyond which a move is given up; 0: no limit.
-        bring: whether the server also brings bodies to the cells where an episode begins.
-    """
-
-    near: float
-    seconds: float
-    silence: float = 1.0
-    detour: float = 0.0
-    bring: bool = True
 
 
 class NavPort(Protocol):
@@ -89,7 +77,8 @@ class Navigator(Mover):
 
     Args:
         metric_map: the floor.
-        limits: limits of the requests.
+        near: metres from a place within which the body has arrived, with any result of the server.
+        seconds: longest time of a move.
         robot: the robot, from 0.
         port: the connection to the server.
 
@@ -99,10 +88,16 @@ class Navigator(Mover):
     """
 
     def __init__(
-        self, metric_map: MetricMap, limits: NavLimits, robot: int, port: NavPort
+        self,
+        metric_map: MetricMap,
+        near: float,
+        seconds: float,
+        robot: int,
+        port: NavPort,
     ) -> None:
         super().__init__(metric_map, robot)
-        self._limits = limits
+        self._near = near
+        self._seconds = seconds
         self._port = port
         self._sent: _Sent | None = None
         self._tickets = self._number = self._tries = 0
@@ -173,8 +168,8 @@ class Navigator(Mover):
         if sent is None or sent.ticket != ticket:
             return
         sent.heard = now
-        if 0 < self._limits.detour < left and not self._goals.place:
-            why = f"Nav2 makes a detour of {left:.1f} m (detour): the goal is cancelled"
+        if left > DETOUR * self._metric_map.side and not self._goals.place:
+            why = f"Nav2 makes a detour of {left:.1f} m: the goal is cancelled"
             self.give_up(now, "detours", why)
 
     def ended(self, ticket: int, now: float, kind: str, why: str) -> None:
@@ -247,7 +242,7 @@ class Navigator(Mover):
 
     def _give_up_in_time(self, state: GoalState, now: float) -> None:
         """Give up a move that has lasted too long."""
-        limit = self._limits.seconds
+        limit = self._seconds
         if not state.goals.place and now - self._taken >= limit:
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
@@ -256,7 +251,7 @@ class Navigator(Mover):
         """Return the end of the goal if the body is there, regardless of the server; else None."""
         if state.goals.place:
             return self._placed(state)
-        near = distance(state.pose, state.target) <= self._limits.near
+        near = distance(state.pose, state.target) <= self._near
         return self._end(state, there=True) if near else None
 
     def _settles(
@@ -279,16 +274,12 @@ class Navigator(Mover):
 
     def _send(self, state: GoalState, now: float) -> None:
         """Send the goal if the server has none, unless a waiting time runs."""
-        goals, _, pose, _, (x, y) = state
-        if (
-            self._sent is None
-            and now >= self._again
-            and (self._limits.bring or not goals.place)
-        ):
+        pose = state.pose
+        x, y = state.target
+        if self._sent is None and now >= self._again:
             self._tickets += 1
-            if self._port.send(
-                self._tickets, Pose(x, y, math.atan2(y - pose.y, x - pose.x))
-            ):
+            ahead = math.atan2(y - pose.y, x - pose.x)
+            if self._port.send(self._tickets, Pose(x, y, ahead)):
                 self._sent = _Sent(self._tickets, self._number, now)
             else:
                 self._wait(now)
@@ -308,7 +299,6 @@ class Navigator(Mover):
     def _watch(self, now: float) -> None:
         """Check whether the server still answers."""
         sent = self._sent
-        silence = self._limits.silence
         if sent is None:
             return
         since = sent.since if sent.cancelled is None else sent.cancelled
@@ -321,8 +311,6 @@ class Navigator(Mover):
             self._port.say(why)
             self._port.cancel_all()
             self._wait(now)
-        elif sent.heard is not None and 0 < silence < now - sent.heard:
-            why = (
-                f"Nav2 has said nothing for {silence:g} s (feedback_timeout): cancelled"
-            )
+        elif sent.heard is not None and now - sent.heard > SILENCE_SECONDS:
+            why = f"Nav2 has said nothing for {SILENCE_SECONDS:g} s: the goal is cancelled"
             self.give_up(now, "silent", why)

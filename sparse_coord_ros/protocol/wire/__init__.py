@@ -13,17 +13,15 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
-from sparse_coord_ros.base import limits, palette
-from sparse_coord_ros.base.limits import Limit
+from sparse_coord_ros.base import palette
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
 class Owner(StrEnum):
-    """The owner of a topic: the team, each robot, or each world or robot node."""
+    """The owner of a topic: the team, or each robot."""
 
     TEAM = "team"
     ROBOT = "robot"
-    NODE = "node"
 
 
 class Delivery(StrEnum):
@@ -48,7 +46,7 @@ class Topic:
     """One topic.
 
     Attributes:
-        name: relative to the team's namespace, or to the robot's or node's name.
+        name: relative to the team's namespace, or to the robot's name.
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: its owner.
         delivery: its quality of service.
@@ -57,7 +55,6 @@ class Topic:
         recorded: whether bags contain it unchanged.
         labels: the names of the numbers of a sensor_msgs/JointState. A reader looks numbers up by
             their labels, so a sender may add others.
-        limit: larger messages are dropped unread.
     """
 
     name: str
@@ -67,10 +64,9 @@ class Topic:
     packed: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
-    limit: Limit = limits.MESSAGE
 
     def of(self, owner: str) -> str:
-        """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
+        """Return the topic's name below a robot's name; "": the team's."""
         return f"{owner}/{self.name}" if owner else self.name
 
     @property
@@ -138,7 +134,7 @@ class SelfReport(NamedTuple):
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """Labels of the numbers of an action in `action`; the fields of `SelfReport` follow them."""
 
-TEAM, ROBOT, NODE = Owner
+TEAM, ROBOT = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
@@ -154,7 +150,7 @@ _BYTES = "std_msgs/msg/UInt8MultiArray"
 _ROSOUT = "rcl_interfaces/msg/Log"
 _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
-RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
+RUN = Topic("run", _STRING, TEAM, _LATCHED)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 """Outside any namespace this is /clock, which nodes with `use_sim_time` follow. In a run whose
@@ -162,12 +158,12 @@ CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 
 HIDDEN_CLOCK = "_clock"
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
-SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True)
+SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED)
 """For people only: names of robots, questions, robots in doorways."""
 
-DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
+DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT)
 """Absolute, by REP 107, so that an aggregator receives every team; drivers and other teams publish
 here too. The stamps are of the wall clock, without a frame."""
 
@@ -183,18 +179,12 @@ ACTION = Topic(
     labels=(*ACTION_LABELS, *SelfReport._fields),
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
-COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True, limit=limits.PICTURE
-)
+COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=True)
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """A robot's report on its checkpoints, and the recorder's on the orders that it has received."""
 
-TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
+TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False)
 """A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
-
-CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
-"""Claims of the world and of every robot: `frame_id` is the node's identity and its `ClaimRank`.
-The stamp (the claim's beginning by the wall clock) is for people only."""
 
 _EVENTS = (
     f"{ACTIVE_PERCEPTION.name}/_service_event",
@@ -227,10 +217,8 @@ ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
 """Topics of bodies: their poses by their localisation and by their wheels; their commands."""
 
-ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT, limit=limits.PICTURE)
-PARAMETER_EVENTS = Topic(
-    "/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=limits.PICTURE
-)
+ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
+PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All topics, in the order above."""
@@ -301,17 +289,6 @@ class StartReason(StrEnum):
     STEPS = "steps"
     RESET = "reset"
     NOBODY_LEFT = "nobody"
-
-
-class ClaimRank(IntEnum):
-    """Ranks of claims to a node's name: the node in the more advanced state keeps its name.
-
-    The node checks whether the name is taken; it has the name; it takes part in a run.
-    """
-
-    STARTING = 0
-    HOLDING = 1
-    JOINED = 2
 
 
 class Occasion(StrEnum):

@@ -111,18 +111,17 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
 
     Args:
         bag: the bag.
-        patterns: names, or patterns such as `/robot_1/*`. `ROS_OWN` and claims would disturb live
-            nodes, and are played only if they are named.
+        patterns: names, or patterns such as `/robot_1/*`. `ROS_OWN` would disturb live nodes, and
+            is played only where it is named.
 
     Raises:
         SettingError: a pattern fits no topic.
     """
     chosen = set() if bag.clock is None else {bag.clock}
-    claims = {name for name in bag.topics if name.endswith(f"/{ros_topics.CLAIM.name}")}
-    withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:
         full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
-        fitting = {name for name in bag.topics if fnmatchcase(name, full)} - withheld
+        fitting = {name for name in bag.topics if fnmatchcase(name, full)}
+        fitting -= set(ROS_OWN)
         fitting |= {full} & set(bag.topics)
         if patterns and not fitting:
             raise SettingError(
