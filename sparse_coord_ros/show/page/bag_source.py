@@ -125,7 +125,7 @@ class BagSource(controls.Played):
         self.rate = rate
         self._shown_rate = SHOWN_RATE
         self._narrator = Narrator(self.run.scenario)
-        self._key_steps = KeySteps(self.run, self._narrator)
+        self._key_steps = KeySteps(self.run)
         self.highlight: Highlight | None = None
         self._failing = ""
         self._again = False
