@@ -23,7 +23,7 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 NAMED = ("coop", "theirs:Team")
 REFUSED = "refused"
 NOTHING = "nothing is missing"
-PERCEPTS = "percepts and answers"
+PERCEPTS = "percepts"
 ACTIONS = "actions and tables"
 EPISODES = "greedy episodes"
 THEIR_RESULT = "results of theirs:Team"
@@ -49,7 +49,6 @@ VERBS = {
     "verify BAG": (ACTIONS, PERCEPTS),
     "explain BAG": (WHY, NOTHING),
     "info BAG": (NOTHING, NOTHING),
-    "recover BAG": (NOTHING, NOTHING),
     "tables BAG": (NOTHING, NOTHING),
     "tables BAG --step 0 --out OUT": (NOTHING, NOTHING),
 }

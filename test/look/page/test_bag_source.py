@@ -715,14 +715,15 @@ def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
     player = Player(cut)
-    assert "never closed" in player.board.get("notice")["text"]
+    assert "it has no end" in player.board.get("notice")["text"]
     place = player.source.log.blocks[-1]
     player.source.log.bag.close()
-    data[place.offset + 200 : place.offset + 264] = bytes(64)
-    cut.write_bytes(data)
+    whole = bytearray(bag_files(bag)[0].read_bytes())
+    whole[place.offset + 200 : place.offset + 264] = bytes(64)
+    cut.write_bytes(whole)
     player = Player(cut)
     player.source.read_through()
-    assert "damaged: " in player.board.get("notice")["text"]
+    assert "damaged at byte " in player.board.get("notice")["text"]
     player.source.log.bag.close()
     copy = tmp_path / "copy"
     shutil.copytree(bag, copy)
