@@ -9,15 +9,12 @@ a message is missing that an honest run may lack.
 """
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.log.runlog.agents import AgentCheck
-from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.log.runlog.difference import (
     MISSING,
     TWICE,
@@ -29,12 +26,6 @@ from sparse_coord_ros.log.runlog.log import RunLog, read_run
 from sparse_coord_ros.log.runlog.percepts import check_percepts
 from sparse_coord_ros.log.runlog.replay import Interval, intervals, trajectory_of
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire.status import (
-    NO_ORDER,
-    NO_ROLLBACK,
-    read_progress,
-    read_status,
-)
 
 FOREIGN = "foreign messages"
 LEFT_OUT = "robots' steps that the world made without their action"
@@ -254,7 +245,7 @@ def _unknown_since(log: RunLog, differences: Sequence[Difference]) -> Unknown | 
     """
     if not differences:
         return None
-    causes = [*_stalled(log, differences), *_came_back(log)]
+    causes = _stalled(log, differences)
     return min(causes, key=_first, default=None)
 
 
@@ -266,58 +257,3 @@ def _stalled(log: RunLog, differences: Sequence[Difference]) -> Iterator[Unknown
         if missed:
             why = f"the recorder stood still for {stall.seconds} s and missed messages"
             yield Unknown(min(missed), None, why)
-
-
-def _came_back(log: RunLog) -> Iterator[Unknown]:
-    """Yield the nodes that came back without a roll-back of the team: robots, or the world.
-
-    The log does not contain the state from which they continued.
-    """
-    without_rollback: dict[str, int] = {}
-    for step, status in _decoded(log, wire.STATUS, read_status):
-        if status.order.step == NO_ROLLBACK:
-            without_rollback.setdefault(status.order.name, step)
-    for k, name in enumerate(log.names):
-        since = _came_back_alone(log, k, {NO_ORDER, *without_rollback})
-        if since is not None:
-            why = f"{name} returned with the tables of a checkpoint, without the team"
-            yield Unknown(since, None, why)
-    if without_rollback:
-        why = "the world returned, and began a new episode instead of going back"
-        yield Unknown(min(without_rollback.values()), None, why)
-
-
-def _came_back_alone(
-    log: RunLog, k: int, without_rollback: Collection[str]
-) -> int | None:
-    """Return the time step at which a robot came back; None: it did not, or the team went back.
-
-    Args:
-        log: the log.
-        k: the robot's number.
-        without_rollback: names of orders by which no robot goes back.
-    """
-    process = ""
-    since = None
-    for step, progress in _decoded(log, wire.PROGRESS, read_progress, k):
-        replaced = process not in ("", progress.life)
-        if replaced and progress.resumed and since is None:
-            since = step
-        if progress.obeyed not in without_rollback:
-            since = None
-        process = progress.life
-    return since
-
-
-def _decoded(
-    log: RunLog, topic: wire.Topic, read: Callable[[Any], Any], k: int | None = None
-) -> Iterator[tuple[int, Any]]:
-    """Yield the log's time step and the decoded content of each message of a topic."""
-    name = log.messages.topic(topic, k)
-    if name not in log.bag.topics:
-        return
-    decode = Decoder(log.bag.topics)
-    for message in log.bag.messages({name}):
-        with suppress(AttributeError, ValueError):  # a malformed message
-            step = round(message.log_time_ns / log.frame.period)
-            yield step, read(decode(name, message.data))

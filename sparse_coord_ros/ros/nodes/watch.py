@@ -567,8 +567,8 @@ class HeardTeam:
         self.seen += 1
         self.view.take(TeamTransition(step, cells, actions, after, met, rewards, ends))
 
-    def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
-        data, step, _ = said
+    def _on_tables(self, k: int, said: tuple[bytes, int, str, str]) -> None:
+        data, step, *_ = said
         with contextlib.suppress(Exception):  # a foreign node can publish anything
             where = ros_topics.TABLES.name
             [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
