@@ -30,7 +30,6 @@ setup(
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.lab.driving": ["*.yaml"],
         f"{PACKAGE}.studies.report": ["templates/*"],
-        f"{PACKAGE}.show": ["templates/*"],
         f"{PACKAGE}.ros.nodes": ["*.yaml"],
         f"{PACKAGE}.show.page": ["static/*"],
     },

@@ -25,7 +25,6 @@ verify run
 explain run --step 3
 train env1 --steps 2000 --out trained
 plot trained --out trained.png
-report trained --no-baselines --out trained.html
 maps env1
 doctor
 """

@@ -25,12 +25,11 @@ OPTIONS = (
     Option(
         "--what",
         None,
-        "plots of a run: policy, asks (where robots ask), sparsity (of Q^C), curves (of "
-        "learning), coordination (its curves of miscoordinations and questions), length (its "
-        "curve of the episodes' lengths), percepts (how questions ended; needs a bag); several "
-        "with commas between; a plot of results: conditions, asks, or the name of an experiment "
-        "(default: conditions of results; of runs all that they have, curves in place of "
-        "coordination and length)",
+        "plots of a run: policy, asks (where robots ask), curves (of learning), coordination "
+        "(its curves of miscoordinations and questions), length (its curve of the episodes' "
+        "lengths); several with commas between; a plot of results: conditions, asks, or the name "
+        "of an experiment (default: conditions of results; of runs all that they have, curves in "
+        "place of coordination and length)",
     ),
     DPI,
     pictures.out_option(pictures.KINDS),

@@ -20,8 +20,6 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
-OF_THE_BAG = ("compression", "max_bagfile_size", "max_bagfile_duration")
-
 VERDICT_TRIALS = 200
 """Trials of the verdict, if it cannot be computed exactly."""
 
@@ -35,7 +33,6 @@ OPTIONS = (
         "continue an interrupted run from its last common checkpoint; DIR is its output "
         "directory; replaces SCENARIO"
     ),
-    shared.Option("--executor", ("events", "single"), "executor of the nodes"),
     shared.Option("--processes", bool, "start each node in its own process"),
     shared.Option(
         "--rate HZ",
@@ -43,15 +40,6 @@ OPTIONS = (
         "limit the speed to this many time steps a second (default: no limit)",
     ),
     shared.Option("--no-record", bool, "do not record a bag"),
-    shared.Option("--compression", ("zstd", "lz4", "none"), "compression of the bag"),
-    shared.Option(
-        "--max-bagfile-size BYTES", None, "start a new bag file after this many bytes"
-    ),
-    shared.Option(
-        "--max-bagfile-duration SECONDS",
-        None,
-        "start a new bag file after this many simulated seconds",
-    ),
     shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"],
@@ -113,21 +101,13 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     """Return a team's output directory and its parameters."""
     from sparse_coord_ros.ros.nodes.parameters import TEAM_PARAMETERS
 
-    names = [
-        "executor",
-        "rate",
-        "compression",
-        "max_bagfile_size",
-        "max_bagfile_duration",
-    ]
+    names = ["rate"]
     if options.resume is not None:
         shared.nothing_else_given(options)
         out = options.resume
         values = {"resume": True, "scenario": "", "set": [""]}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
-        if options.no_record:
-            shared.refused_with(options, "--no-record", OF_THE_BAG)
         if options.greedy and not options.tables:
             raise RunError(
                 "--greedy needs --tables DIR, the output directory of a run to act on"

@@ -25,7 +25,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "look at runs": {
         "watch": "show live or recorded runs on a page in the browser",
-        "report": "write an HTML report of a run or of results",
         "plot": "plot policies, questions, learning curves or results",
         "animate": "record an episode as an animated GIF",
     },

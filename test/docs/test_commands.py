@@ -238,14 +238,13 @@ LONG_VERBS = (
         "run",
         "train",
         "watch",
-        "report",
         "replay",
         "benchmark",
     ),
 )
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
-    *("plot", "animate", "report", "tables"),
+    *("plot", "animate", "tables"),
 )
 
 

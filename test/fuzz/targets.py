@@ -426,7 +426,7 @@ class Nodes:
         self._stack = ExitStack()
         os.environ["ROS_DOMAIN_ID"] = str(self._stack.enter_context(ros_domain()))
         context: Any = self._stack.enter_context(ros_context())
-        self._executor = make_executor("events", context)
+        self._executor = make_executor(context)
         free: dict[str, Any] = {"claim_window": 0.0, "startup_timeout": 0.0}
         calm = {"startup_timeout": 0.0}
         out = str(folder / str(time.monotonic_ns()))

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The factored learner's rule, equation by equation, and the settings credit and referee."""
+"""The factored learner's rule, equation by equation, and the setting credit."""
 
 import numpy as np
 import pytest
@@ -38,12 +38,6 @@ class NoLookingBack(NoReplay):
     @staticmethod
     def look_back(mind, task, now):
         pass
-
-
-class NoRightOfWay(NoReplay):
-    @staticmethod
-    def counts(mind, task, peer, cell, peer_cell):
-        return True
 
 
 class Thrice(NoReplay):
@@ -307,7 +301,6 @@ def test_percepts_that_fail_teach_that_nobody_is_where_a_peer_would_be_seen():
     for settings in (
         {"perception": "probability:0.9"},
         {"perception": "always"},
-        {"perception": "range:2", "link": "lost:0.1"},
     ):
         row, before = blind_waits(**settings)
         # it fails at random: a peer may be anywhere
@@ -373,14 +366,12 @@ def test_credit_of_every_learner(name, settings, weight, learner):
 
 def test_defaults_with_more_than_two_robots():
     run = make_run(load_scenario("env2-4r"), {"learner": "factored"})
-    assert (run.scenario.peers, run.scenario.referee) == ("all", True)
-    assert not make_run(load_scenario("env1"), {"learner": "factored"}).scenario.referee
-    assert not make_run(load_scenario("env2-4r"), {}).scenario.referee
+    assert run.scenario.peers == "all"
     with pytest.raises(SettingError, match="setting peers"):
         learn(load_scenario("env2-4r"), "factored", 0)
 
 
-def test_the_referee_says_who_was_with_whom():
+def test_the_world_says_who_was_with_whom():
     problem = scenario("env2-4r")
     world = World(problem, 0)
     first, second = sorted(problem.map.doorways)[:2]
@@ -410,19 +401,18 @@ def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doo
 
 
 @pytest.mark.parametrize(
-    ("name", "number", "learner", "counted"),
+    ("name", "number", "counted"),
     [
-        ("env2-4r", 0, NoReplay, []),
-        ("env2-4r", 2, NoReplay, [0, 1]),
-        ("env2-4r", 2, NoRightOfWay, [0, 1, 3]),
-        ("env1", 0, NoReplay, [1]),
+        ("env2-4r", 0, []),
+        ("env2-4r", 2, [0, 1]),
+        ("env1", 0, [1]),
     ],
 )
 def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(
-    name, number, learner, counted
+    name, number, counted
 ):
     """They see the same: were it not so, each would wait for the others for ever."""
-    one = agent(learner, name=name, number=number)
+    one = agent(NoReplay, name=name, number=number)
     cells = one.task.cells
     robots = one.task.robots
     begun = one.memory()

@@ -342,7 +342,7 @@ def serve_twice(start):
 
 @pytest.fixture
 def start_driver(start):
-    """Return a function that starts a driver as a process, with the executor of its default."""
+    """Return a function that starts a driver as a process."""
 
     def begin(robot):
         words = ["--ros-args", "-r", f"__node:={robot}_driver", "-p", f"robot:={robot}"]

@@ -95,8 +95,6 @@ def test_ranges_are_in_the_descriptors(made):
     assert constraints == "allowed: a number from 0.001 to 60"
     constraints = node.describe_parameter("step_timeout").additional_constraints
     assert constraints == "allowed: a number of at least 0.1"
-    constraints = node.describe_parameter("executor").additional_constraints
-    assert constraints == "allowed: events or single"
 
 
 def test_no_scenario_setting_is_called_like_a_parameter():
@@ -111,7 +109,6 @@ def test_a_node_minds_only_its_own_of_a_teams_parameters(made, name):
         "out": "x",
         "seed": 7,
         "record": True,
-        "compression": "lz4",
         "world_timeout": 9.0,
         "penalty": -100.0,
         "perception": "never",
@@ -170,7 +167,6 @@ REFUSED = [
     (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
     ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
     ("robot", [f"out:={__file__}"], NO_DIRECTORY),
-    ("recorder", ["executor:=fast"], "parameter executor: value is 'fast', allowed:"),
     ("recorder", [f"out:={__file__}/a"], f"as {__file__} is no directory; choose"),
     ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
     ("player", [], f"parameter bag: {NONE_GIVEN}bag:=DIRECTORY"),

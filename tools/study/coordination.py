@@ -172,7 +172,6 @@ ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "r^C counts once (`credit: own`)": ("factored", {"credit": "own"}),
     "neither": (RULES + "NoLookingBack", {"credit": "own"}),
     "no percept update of r_bar": (RULES + "NoPerceptUpdate", {}),
-    "no right of way": (RULES + "NoRightOfWay", {}),
     "no replay": (RULES + "NoReplay", {}),
 }
 """Learner and changed settings."""

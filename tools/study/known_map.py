@@ -49,10 +49,10 @@ def _split(split: str) -> Callable[[Found], Rows]:
 
 ABLATED: Mapping[str, tuple[str, Mapping[str, object]]] = {
     "all of it": ("factored", {}),
-    "stand-offs are not left": ("factored", {"stand_off": "wait"}),
+    "stand-offs are not left": (f"{rules.__name__}:NoWayOut", {}),
     "a surplus is not shared": (f"{rules.__name__}:WholeSurplus", {}),
     "no least worth": (f"{rules.__name__}:NoLeastWorth", {}),
-    "none of the three": (f"{rules.__name__}:NoCures", {"stand_off": "wait"}),
+    "none of the three": (f"{rules.__name__}:NoCures", {}),
     "all of it, prior=map": ("factored", {"prior": "map"}),
 }
 """Learner and changed settings."""

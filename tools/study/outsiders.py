@@ -97,7 +97,7 @@ TRIALS: Mapping[str, Sequence[Trial]] = {
     "cq": _tried(
         "cq",
         {"starts": "exploring:1:0.5:0.8"},
-        always={"peers": "all", "referee": True},
+        always={"peers": "all"},
     ),
     "joint": _tried("joint", {"starts": "exploring:1:0.5:0.8"}),
     "factored": [Trial("factored", one) for one in coordination.PROTOCOL.values()],

@@ -5,6 +5,7 @@
 from typing import Any
 
 from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 from sparse_coord_ros.core.learners.rules import Task, Transition, greatest
@@ -32,15 +33,6 @@ class NoLookingBack(Factored):
     @staticmethod
     def look_back(mind, task, now):
         """Learn nothing."""
-
-
-class NoRightOfWay(Factored):
-    """Several robots in one cell wait for one another."""
-
-    @staticmethod
-    def counts(mind, task, peer, cell, peer_cell):
-        """Return 1: each correction counts."""
-        return True
 
 
 class NoExchanges(Factored):
@@ -71,6 +63,14 @@ class OneStep(Factored):
         return (1.0 - task.discount) * arrival
 
 
+class NoWayOut(Factored):
+    """Leaves no stand-off."""
+
+    def leaves_stand_offs(self, scenario: Scenario) -> bool:
+        """Return whether its robots leave stand-offs: never."""
+        return False
+
+
 class WholeSurplus(Factored):
     """Each peer in the way is credited with all that waiting brings."""
 
@@ -90,7 +90,9 @@ class NoLeastWorth(Factored):
 
 
 class NoCures(NoLeastWorth):
-    """Without both rules, as larger teams once learned."""
+    """Without all three rules, as larger teams once learned."""
+
+    leaves_stand_offs = NoWayOut.leaves_stand_offs
 
     share_of_surplus = staticmethod(WholeSurplus.share_of_surplus)
 

@@ -17,8 +17,7 @@ decide where the robot asks. In tables Q*(x, COORDINATE) shows them: it is `MARK
 move in marked cells, `MARK` below it in others.
 
 With `peers: all` it tests and marks the joint state with each peer by itself. The value of a move
-is then the least of its values in these pairs. With a `referee` too it charges a peer with r^C
-only where that peer was in the same doorway. Both are choices of our own.
+is then the least of its values in these pairs: a choice of our own.
 """
 
 from typing import Any, NamedTuple
@@ -49,6 +48,7 @@ from sparse_coord_ros.core.learners.rules import (
     expected,
     greatest,
     ql_update,
+    reward_of,
 )
 
 MARK = 1.0
@@ -74,7 +74,6 @@ class CQ(Learner):
     title = "CQ-learning"
     summary = "CQ-learning; asks in cells marked by a statistical test (De Hauwere et al., 2010)"
     needs_map = True
-    partners = True
 
     class Mind(NamedTuple):
         """The learned tables of a robot.
@@ -221,13 +220,12 @@ def lower(mind: Any, cell: int, key: int, values: Any) -> None:
 @inner
 def learn_pair(mind: Any, task: Task, now: Transition, peer: int) -> None:
     """Sample the reward of a joint state with a peer; learn its Q^C if it is marked."""
-    common = now.common if (now.partners >> peer) & 1 else 0.0
     key = pair_key(mind, task, now.cell, peer, now.cells)
     samples = mind.samples[now.cell]
     pairs = len(samples) - PRIMITIVES
-    if differs(samples[PRIMITIVES + key % pairs], common):
+    if differs(samples[PRIMITIVES + key % pairs], now.common):
         after = expected(mind, task, now)
-        reward = now.individual + common + now.asking
+        reward = reward_of(now)
         row = place(mind.q_coord, key)
         values = mind.q_coord.values[row]
         updates = mind.q_coord.updates[row]

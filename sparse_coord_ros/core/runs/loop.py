@@ -68,7 +68,7 @@ class Rule(NamedTuple):
             count while learning [3].
         goal_value: value of being at the goal while learning.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        map_samples, replays, leaving, leaving_share: as of `Task`.
+        map_samples, replays, leaves: as of `Task`.
         tasks: in plain Python the tasks of the robots.
     """
 
@@ -84,8 +84,7 @@ class Rule(NamedTuple):
     step_sizes: Any
     map_samples: int
     replays: int
-    leaving: float
-    leaving_share: float
+    leaves: bool
     tasks: Any
 
 
@@ -109,8 +108,7 @@ def made_task(rule: Rule, k: int) -> Task:
         problem.interactions.blocks,
         rule.map_samples,
         rule.replays,
-        rule.leaving,
-        rule.leaving_share,
+        rule.leaves,
     )
 
 
@@ -295,7 +293,7 @@ def learn_from(
     if sees_all(mind):
         seen = next_seen = everybody_but(k, len(cells))
     partners = UNKNOWN_PARTNERS
-    if wants_partners(mind) and problem.referee:
+    if wants_partners(mind):
         partners = interacting(
             problem.interactions, choice.cells, choice.wanted, cells, rule.members, k
         )

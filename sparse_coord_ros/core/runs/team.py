@@ -27,7 +27,7 @@ from sparse_coord_ros.core.learners.mind import (
     part,
     stacked,
 )
-from sparse_coord_ros.core.learners.rules import leaving_of, map_samples, replays_of
+from sparse_coord_ros.core.learners.rules import map_samples, replays_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.trials import Trials
@@ -88,7 +88,6 @@ class Team:
         self._minds = learner.minds(scenario)
         sizes = step_sizes(scenario.step_size, scenario.steps)
         everyone = np.arange(len(scenario.robots), dtype=INDEX)
-        leaving, leaving_share = leaving_of(scenario)
         rule = loop.Rule(
             problem=problem_of(scenario, plain=not compiled),
             members=everyone,
@@ -102,8 +101,7 @@ class Team:
             step_sizes=sizes.by_count,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
-            leaving=leaving,
-            leaving_share=leaving_share,
+            leaves=learner.leaves_stand_offs(scenario),
             tasks=None,
         )
         groups = groups_of(scenario, learner)
@@ -174,7 +172,7 @@ class Team:
             streams.START: bool(np.any(rule.exploring)),
             streams.REPLAY: learning and self.learner.draws,
             streams.BLIND: learning and self.learner.asks,
-            streams.LEAVE: rule.leaving > 0.0,
+            streams.LEAVE: rule.leaves,
         }
 
     def play(

@@ -34,7 +34,6 @@ from sparse_coord_ros.core.game.actions import (
     PRIMITIVES,
 )
 from sparse_coord_ros.core.game.interactions import interactions_of
-from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
@@ -158,7 +157,6 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     grid = scenario.map
     cells = len(grid.cells)
     what = "search for the best asking team"
-    check_up(scenario.link, what)
     check_pairs(grid, f"in the {what}", MOST_STATES)
     percept = probabilities_between(
         sight_of(scenario.perception, grid), np.arange(cells)

@@ -138,10 +138,6 @@ class SelfReport(NamedTuple):
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """Labels of the numbers of an action in `action`; the fields of `SelfReport` follow them."""
 
-PARTNERS = "partners"
-"""A further label of `reward` in a world with a `referee`: the sum of 2^(j-1) over the robots j
-(from 1) with which the robot interacted."""
-
 TEAM, ROBOT, NODE = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING = "std_msgs/msg/String"
@@ -176,7 +172,10 @@ DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
 here too. The stamps are of the wall clock, without a frame."""
 
 LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, packed=True)
-REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+REWARD_LABELS = ("individual", "common", "ask_cost", "total", "partners")
+"""The parts of R_k(t) and their sum; and the sum of 2^(j-1) over the robots j (from 1) with which
+the robot interacted."""
+
 REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, packed=True, labels=REWARD_LABELS)
 ACTION = Topic(
     *("action", _NUMBERS, ROBOT, _STEP),

@@ -6,8 +6,7 @@ The action must have one server: goals go to all servers, and two would steer on
 finds one server before the other. So before its first goal the node waits until it has seen a
 single server for a while. It ends if a second server stays. A server that appears later is
 reported: to stop halfway would not help. (rclpy's EventsExecutor ends the process with a
-segmentation fault when several servers answer. Its SingleThreadedExecutor does not, and is the
-default.)
+segmentation fault when several servers answer; its SingleThreadedExecutor does not.)
 """
 
 import functools
@@ -18,6 +17,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from sparse_coord_ros.base.errors import RunError, needed
@@ -244,4 +244,7 @@ class Nav2DriverNode(MoverNode):
 
 def main() -> int:
     """Run the node `nav2_driver`."""
-    return run_node(lambda context: Nav2DriverNode(context=context))
+    return run_node(
+        lambda context: Nav2DriverNode(context=context),
+        executor=lambda context: SingleThreadedExecutor(context=context),
+    )

@@ -499,15 +499,9 @@ class Recorder(Follower):
         if said.order.attempt in (NO_ATTEMPT, self._known):
             return
         assert self.run is not None
-        values = self.values
-        longest = round(self.values["max_bagfile_duration"] * SECOND)
-        options: dict[str, Any] = {
-            "compression": values["compression"],
-            "max_ns": longest,
-        }
-        options["max_bytes"] = values["max_bagfile_size"]
+        options: dict[str, Any] = {}
         if self._earlier is not None:
-            options |= {"earlier": self._earlier, "why": further(said.order)}
+            options = {"earlier": self._earlier, "why": further(said.order)}
         bag = (BagWriter if self.direct is None else BagProcess)(
             self.directory, **options
         )

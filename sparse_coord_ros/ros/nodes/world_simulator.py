@@ -396,7 +396,6 @@ class WorldSimulator(ParameterNode):
             "episodes": self.lockstep.world.episode + 1,
             "last_step": self.lockstep.world.step,
             "stale_actions": self.lockstep.stale,
-            "executor": self.values["executor"],
             "rate": self.values["rate"],
             **({} if self.bodies is None else self.bodies.summary()),
             **self.speed.summary(),
