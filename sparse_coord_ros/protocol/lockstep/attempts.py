@@ -10,6 +10,7 @@ nodes have. Who gets an order forgets all that came after that checkpoint.
 import uuid
 from collections.abc import Callable, Sequence
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     BEGINNING,
@@ -61,19 +62,6 @@ class WorldAttempts:
             if node not in self.said or self.said[node].attempt != attempt
         ]
 
-    @property
-    def without(self) -> list[str]:
-        """The robots that keep no checkpoints, although the world keeps some.
-
-        They lack even the older one of two. Without the first one that all should have, a run can
-        begin again at its beginning.
-        """
-        saved = [step for step in self._store.steps() if step != BEGINNING]
-        if len(saved) < KEPT_COMMON:
-            return []
-        robots = [node for node in self.said if node != RECORDER]
-        return [name for name in robots if self.said[name].checkpoints == (BEGINNING,)]
-
     def common(self) -> list[int]:
         """Return the steps of the newest common checkpoints of world and robots, the newest first.
 
@@ -85,6 +73,11 @@ class WorldAttempts:
                 steps &= set(said.checkpoints)
         return sorted({*steps, BEGINNING}, reverse=True)[:KEPT_COMMON]
 
+    @property
+    def oldest(self) -> int:
+        """The oldest checkpoint to which the team may go back, as far as all have said theirs."""
+        return BEGINNING if self.silent else self.common()[-1]
+
     def begin(self) -> None:
         """Order the team to begin, and go to the checkpoint.
 
@@ -92,8 +85,9 @@ class WorldAttempts:
         only that. A recorder that has neither leaves a gap in its bag.
 
         Raises:
-            RunError: the world's checkpoint is of another run.
+            RunError: a robot has none of the run's checkpoints, or the world's is of another run.
         """
+        self._check_robots()
         common = self.common()
         recorder = self.said.get(RECORDER, Progress())
         recorded = [step for step in common if step in recorder.checkpoints]
@@ -102,6 +96,21 @@ class WorldAttempts:
             self._side.go_on_from(self._store.load(step))
             self._store.forget_after(step)
         self.order = Order(uuid.uuid4().hex, step)
+
+    def _check_robots(self) -> None:
+        """Refuse to throw away what a team has learned, for a robot without checkpoints.
+
+        Where the world has two, such a robot lacks even the older one.
+        """
+        saved = [step for step in self._store.steps() if step != BEGINNING]
+        for node, said in self.said.items():
+            none = node != RECORDER and said.checkpoints == (BEGINNING,)
+            if none and len(saved) >= KEPT_COMMON:
+                raise RunError(
+                    f"{node} has no checkpoint of this run, which is at step {saved[0]}; all is "
+                    f"saved: start {node} with its parameter 'out', and all nodes with resume; "
+                    "or begin a new run"
+                )
 
 
 class RobotAttempts:

@@ -48,18 +48,17 @@ class Restart(WorldAttempts):
 
     def missing(self) -> list[str]:
         """Before the run: order it to begin when all have come; return who has not begun it."""
-        if self.order.attempt == NO_ATTEMPT:
-            without = [f"{name} (it keeps no checkpoints)" for name in self.without]
-            missing = self.silent or without
-            if missing:
-                return missing
-            self._begin()
-            if self.order.checkpoint != BEGINNING:
-                world = self._side.world
-                self._logger.info(
-                    f"continuing from a checkpoint: transition {world.transitions}, "
-                    f"step {world.step}"
-                )
+        if self.order.attempt != NO_ATTEMPT:
+            return self.waiting
+        if self.silent:
+            return self.silent
+        self._begin()
+        world = self._side.world
+        if self.order.checkpoint != BEGINNING:
+            self._logger.info(
+                f"continuing from a checkpoint: transition {world.transitions}, "
+                f"step {world.step}"
+            )
         return self.waiting
 
     def look(self, now: float, *, all_listen: Callable[[], bool]) -> None:
@@ -80,25 +79,16 @@ class Restart(WorldAttempts):
         under_way = self.order.attempt != NO_ATTEMPT and not self._side.finished
         if under_way and said.attempt == NO_ATTEMPT:
             self._came_back(name)
-        self._output.store.forget_before(self.common()[-1])
+        self._output.store.forget_before(self.oldest)
 
     def _came_back(self, name: str) -> None:
         came = f"{name} came back at step {self._side.world.step}"
-        if self.without:
-            names = ", ".join(self.without)
-            self._logger.error(
-                f"{came}, and {names} has none of the run's checkpoints: nobody goes back for "
-                f"it, nothing is lost; start {names} with parameter 'out' of this run"
-            )
-            return
         self._begin()
         step = self.order.checkpoint
-        where = f"at the checkpoint of step {step}"
+        where = f"all nodes return to the checkpoint of step {step}"
         if step == BEGINNING:
-            where = (
-                "at the run's beginning, as there is no later checkpoint of all nodes"
-            )
-        self._logger.warning(f"{came}: all nodes begin again {where}")
+            where = "the run begins anew, as there is no later checkpoint of all nodes"
+        self._logger.warning(f"{came}: {where}")
 
     def _begin(self) -> None:
         """Order the team to begin."""

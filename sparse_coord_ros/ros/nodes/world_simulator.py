@@ -135,8 +135,7 @@ class WorldSimulator(ParameterNode):
     def _say(self) -> None:
         if self._output is not None:
             restart = self.restart
-            oldest = restart.common()[-1]
-            self.topics.say(self.doing, self.lockstep, restart.order, oldest)
+            self.topics.say(self.doing, self.lockstep, restart.order, restart.oldest)
 
     def _show(self) -> None:
         """Publish the robots' places; not of a resumed team that has not gone back yet."""
