@@ -17,7 +17,6 @@ from floor_plans import write_grid
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import MapError
-from sparse_coord_ros.base.limits import Limit
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.core.game.grid import load_map, parse_map
@@ -68,7 +67,7 @@ def run_files(text):
 
 def yaml_texts(text):
     """A text of YAML, whatever it is for."""
-    parse_yaml(text, where="here", limit=Limit("a test", 1000, 40), error=MapError)
+    parse_yaml(text, where="here", error=MapError)
 
 
 def calls(code):

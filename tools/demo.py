@@ -4,8 +4,8 @@
 
 python -m tools.demo RUN RUN
 
-Where a person sits at a terminal beside a browser, the page opens; Ctrl-C ends the demo. Elsewhere,
-as in a pipeline, one line is printed.
+Where a person sits at a terminal beside a browser, the page opens; Ctrl-C ends the demo.
+Elsewhere, as in a pipeline, one line is printed.
 """
 
 import argparse

@@ -53,6 +53,7 @@ OPTIONS = (
     ),
     Option("--save FILE", Path, "write the results to one JSON file"),
     *COMPUTING,
+    shared.ALLOW,
     shared.JSON,
 )
 

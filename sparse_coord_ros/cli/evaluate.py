@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
+    ALLOW,
     JSON,
     SEED,
     Option,
@@ -67,6 +68,7 @@ OPTIONS = (
         "--exact", bool, "compute exact values instead of trials (one or two robots)"
     ),
     Option("--seed", SEED, "seed of the trials"),
+    ALLOW,
     JSON,
 )
 

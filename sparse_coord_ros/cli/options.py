@@ -148,6 +148,14 @@ def _path(text: str) -> Path:
 
 
 BAG = Option("bag BAG", _bag, "a run or bag directory, or a bag file")
+ALLOW = Option(
+    "--allow MODULE",
+    None,
+    "allow this Python module to be imported when a file refers to it; may be repeated",
+    {"action": "append", "default": []},
+)
+"""Of each verb that may need code that a file names."""
+
 JSON = Option("--json", bool, "print the result as JSON")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import JSON, Option, note
+from sparse_coord_ros.cli.options import ALLOW, JSON, Option, note
 from sparse_coord_ros.core.game.settings import Setting
 
 DPI = Setting(
@@ -33,6 +33,7 @@ OPTIONS = (
     ),
     DPI,
     pictures.out_option(pictures.KINDS),
+    ALLOW,
     JSON,
 )
 

@@ -50,6 +50,7 @@ OPTIONS = (
     shared.Option("--tables DIR", None, "start from the tables of this run directory"),
     shared.Option("--greedy", bool, "act greedily on --tables, without learning"),
     *shared.WATCH,
+    shared.ALLOW,
     shared.JSON,
 )
 

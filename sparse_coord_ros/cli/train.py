@@ -88,6 +88,7 @@ OPTIONS = (
         {"default": None},
     ),
     *shared.WATCH,
+    shared.ALLOW,
     shared.JSON,
 )
 

@@ -102,8 +102,4 @@ def add_verb(verbs: Any, name: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_options(parser, module.OPTIONS)
-    what = "allow this Python module to be imported when a file refers to it; may be repeated"
-    parser.add_argument(
-        "--allow", metavar="MODULE", action="append", default=[], help=what
-    )
     parser.set_defaults(execute=module.execute, parser=parser)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.cli.options import PAGE, Option, allowed_with, ros_needed
+from sparse_coord_ros.cli.options import ALLOW, PAGE, Option, allowed_with, ros_needed
 from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.core.game.settings import Setting
 
@@ -40,6 +40,7 @@ OPTIONS = (
         "start a bag at this time step (default: at the end, with what was learned)",
         {"default": None},
     ),
+    ALLOW,
     *PAGE,
 )
 

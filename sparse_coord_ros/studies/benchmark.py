@@ -18,7 +18,7 @@ from sparse_coord_ros.base.errors import (
     check_argument,
     in_short,
 )
-from sparse_coord_ros.base.limits import RESULTS, read_file
+from sparse_coord_ros.base.files import read_file
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
@@ -102,7 +102,7 @@ def read_entries(file: Path) -> list[Entry]:
     Raises:
         SettingError: it is no such file, or an entry is malformed.
     """
-    text = read_file(file, RESULTS, SettingError, "give a file of entries").decode()
+    text = read_file(file, SettingError, "give a file of entries").decode()
     said = parse_yaml(text, where=str(file), error=SettingError)
     entries = said.get("entries")
     if set(said) != {"entries"} or not isinstance(entries, list) or not entries:

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
 from sparse_coord_ros.core.learners.corrections import key_of, states_of
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.looking_back import share_of
-from sparse_coord_ros.core.learners.memory import check_memory, taught
+from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import memories_equal
@@ -483,44 +483,3 @@ def test_learning_begins_with_tables_but_counts_from_0():
     greedy = Agent(Factored(), problem, 0, 9, memory=learned, learning=False)
     moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))
     assert memories_equal(greedy.memory(), learned)
-
-
-IMPOSSIBLE = {
-    "a row of a cell beyond the map": {"rho_keys": np.array([10**6])},
-    "more moves than tries": {"moved": np.ones((21, 4), dtype=np.int64)},
-    "a value that is no number": {"w": np.full(21, np.nan)},
-    "an infinite value": {"u": np.full((21, 4), np.inf)},
-    "an r^C that is never paid": {"door": np.full(21, -3.0)},
-    "a best value that is not": {"value": np.zeros(21)},
-    "a successor that is the cell": {"successor": np.full((21, 4), 3)},
-    "tries that were not counted": {"used": np.array([2])},
-    "a peer beyond the map": {"last": np.array([0, 0, 0, 21])},
-    "counts below 0": {"updates": np.full((21, 5), -1)},
-}
-
-
-@pytest.mark.parametrize("what", IMPOSSIBLE)
-def test_impossible_memories_are_refused(what):
-    problem = scenario()
-    memory = Agent(Factored(), problem, 0, 0).memory()
-    row = {
-        "rho_values": np.ones((1, 4)),
-        "rho_updates": np.ones((1, 4), dtype=np.int64),
-    }
-    forged = memory | (row if "rho_keys" in IMPOSSIBLE[what] else {}) | IMPOSSIBLE[what]
-    check_memory(problem, Factored(), 0, memory)
-    with pytest.raises(
-        TablesError, match="tables do not match robot 1 of scenario env1"
-    ):
-        check_memory(problem, Factored(), 0, forged)
-
-
-def test_there_are_no_more_tried_moves_than_moves():
-    problem = scenario()
-    memory = Agent(Factored(), problem, 0, 0).memory()
-    moves = memory["moved"].size
-    memory["updates"][:, :4] = 1
-    whole = memory | {"tried": np.arange(moves)[::-1], "used": np.array([moves])}
-    check_memory(problem, Factored(), 0, whole)
-    with pytest.raises(TablesError, match="used"):
-        check_memory(problem, Factored(), 0, whole | {"used": np.array([moves + 1])})

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes: described, checked at once, and fixed except the rate."""
 
-import re
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,16 +9,12 @@ from pathlib import Path
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
-    DescribeParameters,
     GetParameters,
-    GetParameterTypes,
     ListParameters,
     SetParameters,
-    SetParametersAtomically,
 )
 from rclpy.parameter import parameter_value_to_python
 
-from sparse_coord_ros.base.limits import ASKED
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.ros.nodes import (
     driver,
@@ -260,30 +255,6 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
         GetParameters, "world_simulator/get_parameters", request
     ).values
     assert [parameter_value_to_python(value) for value in values] == [0.0, 0]
-
-
-def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capfd):
-    """Each costs rclpy's service time in Python: 200,000 names took 10 s of the lock step."""
-    world = bench.world()
-    observer = bench.observer()
-
-    def answer(kind, **asked):
-        name = re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
-        return observer.call(kind, f"world_simulator/{name}", kind.Request(**asked))
-
-    assert len(answer(GetParameters, names=["seed"] * ASKED).values) == ASKED
-    many = [Parameter(name="rate", value=double(100.0))] * (ASKED + 1)
-    texts = ["rate"] * (ASKED + 1)
-    assert not answer(GetParameters, names=texts).values
-    assert not answer(GetParameterTypes, names=texts).types
-    assert not answer(DescribeParameters, names=texts).descriptors
-    assert not answer(ListParameters, prefixes=texts).result.names
-    assert not answer(SetParameters, parameters=many).results
-    assert not answer(SetParametersAtomically, parameters=many).result.successful
-    assert world.values["rate"] == 0.0 and world.failure is None
-    assert world.subscriber.dropped.total() == len(world.subscriber.dropped) == 6
-    text = "get_parameters: 1,001 parameters in one request; allowed: 1,000; request refused"
-    assert text in capfd.readouterr().err
 
 
 def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):

@@ -17,8 +17,7 @@ from sparse_coord_ros.base.errors import (
     did_you_mean,
     in_short,
 )
-from sparse_coord_ros.base.files import path_argument
-from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.files import path_argument, read_text
 from sparse_coord_ros.base.share import share_file, share_names
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.actions import PRIMITIVES
@@ -467,7 +466,7 @@ def load_scenario(
                 f"the path of a scenario file or one of: {', '.join(scenario_names())}"
             )
         path = shipped
-    text = read_text(path, SCENARIO, ScenarioError, "give the path of a scenario file")
+    text = read_text(path, ScenarioError, "give the path of a scenario file")
     data = parse_yaml(text, where=str(path))
     scenario = scenario_from_dict(
         data, where=str(path), name=path.stem, beside=path.parent

@@ -33,7 +33,6 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
 from sparse_coord_ros.core.learners.mind import (
     NO_ROW,
-    Memory,
     Rows,
     empty_rows,
     find,
@@ -104,15 +103,6 @@ class CQ(Learner):
         """Return the largest number of joint states with a peer for each own cell."""
         cells = len(scenario.map.cells)
         return cells if scenario.perceived == 2 else cells * len(scenario.robots)
-
-    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Check the windows of samples."""
-        samples = memory["samples"]
-        if not np.isin(samples[..., COUNT], [MARKED, *range(WINDOW)]).all():
-            allowed = f"{MARKED:g}, 0 to {WINDOW - 1}"
-            raise ValueError(f"samples has counts out of range, allowed: {allowed}")
-        if (samples[..., SQUARES] < 0.0).any():
-            raise ValueError("samples has sums of squares below 0")
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts: the price of asking does not."""

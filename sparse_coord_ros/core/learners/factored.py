@@ -11,7 +11,7 @@ depend on where the peers are; the second, rho, is 0 in nearly all joint states.
 has a row of rho of its own. docs/coordination.md has the rule and its reasons.
 
 Parts of the rule have modules of their own: `own_moves` (U, and the model of moves),
-`corrections` (rho), `looking_back` (two questions in a row), `factored_memory` (checks).
+`corrections` (rho), `looking_back` (two questions in a row).
 """
 
 from dataclasses import replace
@@ -34,7 +34,6 @@ from sparse_coord_ros.core.learners.corrections import (
     learn_rho,
     rho_key,
 )
-from sparse_coord_ros.core.learners.factored_memory import check_factored_memory
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.looking_back import (
@@ -178,9 +177,17 @@ class Factored(Learner):
         return (len(scenario.robots) - 1) * len(scenario.map.cells) + 1
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """As of `Learner`."""
-        weight = self.weights(scenario).common
-        check_factored_memory(scenario, robot, memory, weight)
+        """Raise `ValueError` unless the robot knew as much of its map as the scenario says.
+
+        A robot that knows its map counts all moves as tried from the beginning, in their order.
+        """
+        tried = memory["tried"]
+        prior = "map" if np.array_equal(tried, np.arange(len(tried))) else "none"
+        if prior != scenario.prior:
+            raise ValueError(
+                f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
+                f"prior={prior}"
+            )
 
     # One robot.
 

@@ -336,9 +336,9 @@ class Learner:
         return False
 
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Raise `ValueError` unless a robot (from 0) can have learned this memory.
+        """Raise `ValueError` where a robot (from 0) of another scenario learned this memory.
 
-        Types, shapes and counts are right already, and values are finite.
+        Types and shapes are right already.
         """
 
     def rows_of_a_cell(self, scenario: Scenario) -> int:

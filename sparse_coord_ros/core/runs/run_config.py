@@ -23,7 +23,7 @@ from sparse_coord_ros.base.errors import (
     check_format,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import CELLS, SCENARIO, read_text
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import RESOLUTIONS, GridMap
@@ -42,6 +42,9 @@ from sparse_coord_ros.core.learners.registry import (
 from sparse_coord_ros.core.runs.forms import check_own_memory
 
 RUN_FILE = "run.yaml"
+CELLS = 250_000
+"""Most free cells of a map to learn on."""
+
 SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
@@ -398,7 +401,7 @@ def load_run(directory: Path) -> RunConfig:
         if run is not None:
             raise RunError(f"{directory}: is no run, but in one; give {run}")
     remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
-    text = read_text(path, SCENARIO, RunError, remedy)
+    text = read_text(path, RunError, remedy)
     return run_from_yaml(text, where=str(path))
 
 

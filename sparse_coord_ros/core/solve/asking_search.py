@@ -24,8 +24,7 @@ from sparse_coord_ros.base.errors import (
     check_format,
     check_function,
 )
-from sparse_coord_ros.base.files import path_argument, write_whole
-from sparse_coord_ros.base.limits import RESULTS, read_text
+from sparse_coord_ros.base.files import path_argument, read_text, write_whole
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.actions import (
     ACTIONS,
@@ -370,7 +369,7 @@ def _kept(
     """Return the values and the best team of a search that was cut off."""
     if file is None or not file.exists():
         return [], None
-    text = read_text(file, RESULTS, ResultsError, "give another file")
+    text = read_text(file, ResultsError, "give another file")
     try:
         data = json.loads(text)
         check_format(data["format"], str(file), ResultsError)

@@ -22,8 +22,7 @@ from sparse_coord_ros.base.errors import (
     message_of,
     retold,
 )
-from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import IMAGE, MAP_HEADER, open_regular, read_text
+from sparse_coord_ros.base.files import read_text, write_whole
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import (
     FURTHEST,
@@ -113,8 +112,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
     if is_picture(path):
         _check_exists(path)
         raise MapError(_yaml_wanted(path))
-    text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
-    said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
+    text = read_text(path, MapError, "give the YAML file")
+    said = parse_yaml(text, where=str(path), error=MapError)
     if "robots" in said and "image" not in said:
         remedy = f"let a team learn on it: sparse_coord train {path}"
         raise MapError(
@@ -257,22 +256,14 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with open_regular(path, IMAGE) as file:
-                # Pillow may ask for it because of a damaged file
-                content = io.BytesIO(file.read())
-            with Image.open(content) as image:
-                if (
-                    image.width * image.height > IMAGE.elements
-                    or max(image.size) > LONGEST_SIDE
-                ):
+            with Image.open(path) as image:
+                if max(image.size) > LONGEST_SIDE:
                     raise Image.DecompressionBombError
                 image.load()
                 return _values(image)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         remedy = "scale it down, and multiply the resolution by as much"
-        raise MapError(
-            f"{path}: has more than {IMAGE.elements:,} pixels; {remedy}"
-        ) from None
+        raise MapError(f"{path}: has too many pixels; {remedy}") from None
     except FileNotFoundError:
         remedy = (
             "the YAML file's field 'image' is to name it, from the YAML file's folder"

@@ -11,7 +11,6 @@ import numpy as np
 from scipy import ndimage
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError
-from sparse_coord_ros.base.limits import MAP
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
@@ -24,6 +23,9 @@ Place = tuple[float, float]
 
 WALL_THICKNESS = 0.3
 """Default thickness of a wall with a doorway, in metres."""
+
+MOST_CELLS = 1_000_000
+"""Most cells and walls of a grid."""
 
 SHOWN = 6
 """Most places in a note."""
@@ -97,10 +99,8 @@ def import_map(
         allowed = f"at least a pixel of the map, {plan.resolution:g} m"
         raise MapError(f"cell is {cell:g} m, allowed: {allowed}")
     cells = plan.free.size * (plan.resolution / cell) ** 2
-    if cells > MAP.elements:
-        what = (
-            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}"
-        )
+    if cells > MOST_CELLS:
+        what = f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}"
         raise MapError(f"{what}; choose larger cells, or cut the map")
     layout = _layout_of(plan, cell, radius)
     free = layout.free

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
-from sparse_coord_ros.base import limits, palette
-from sparse_coord_ros.base.limits import Limit
+from sparse_coord_ros.base import palette
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
@@ -57,7 +56,6 @@ class Topic:
         recorded: whether bags contain it unchanged.
         labels: the names of the numbers of a sensor_msgs/JointState. A reader looks numbers up by
             their labels, so a sender may add others.
-        limit: larger messages are dropped unread.
     """
 
     name: str
@@ -67,7 +65,6 @@ class Topic:
     packed: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
-    limit: Limit = limits.MESSAGE
 
     def of(self, owner: str) -> str:
         """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
@@ -154,7 +151,7 @@ _BYTES = "std_msgs/msg/UInt8MultiArray"
 _ROSOUT = "rcl_interfaces/msg/Log"
 _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
-RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
+RUN = Topic("run", _STRING, TEAM, _LATCHED)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 """Outside any namespace this is /clock, which nodes with `use_sim_time` follow. In a run whose
@@ -162,12 +159,12 @@ CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 
 HIDDEN_CLOCK = "_clock"
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
-SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True)
+SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED)
 """For people only: names of robots, questions, robots in doorways."""
 
-DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
+DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT)
 """Absolute, by REP 107, so that an aggregator receives every team; drivers and other teams publish
 here too. The stamps are of the wall clock, without a frame."""
 
@@ -183,13 +180,11 @@ ACTION = Topic(
     labels=(*ACTION_LABELS, *SelfReport._fields),
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
-COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True, limit=limits.PICTURE
-)
+COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=True)
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED, recorded=False)
 """A report of a robot or the recorder on its checkpoints, and on the attempt that it has begun."""
 
-TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
+TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False)
 """A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
@@ -227,10 +222,8 @@ ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
 """Topics of bodies: their poses by their localisation and by their wheels; their commands."""
 
-ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT, limit=limits.PICTURE)
-PARAMETER_EVENTS = Topic(
-    "/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=limits.PICTURE
-)
+ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
+PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All topics, in the order above."""

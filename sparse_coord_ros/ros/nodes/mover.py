@@ -101,9 +101,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
         self._report = self.reporter("driving")
-        if self.values["autostart"]:
-            self.trigger_configure()
-            self.trigger_activate()
+        self.trigger_configure()
+        self.trigger_activate()
 
     def make(self, metric_map: MetricMap, number: int) -> Mover:
         """Return the state machine that moves the body of a robot."""

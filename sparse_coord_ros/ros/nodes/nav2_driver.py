@@ -80,13 +80,8 @@ class Nav2DriverNode(MoverNode):
 
     def make(self, metric_map: MetricMap, number: int) -> Navigator:
         """Return the state machine that decides on goals."""
-        values = self.values
-        side = metric_map.side
-        near = values["near"] * side
-        detour = values["detour"] * side
-        seconds = values["step_seconds"]
-        silence = values["feedback_timeout"]
-        limits = NavLimits(near, seconds, silence, detour, values["bring"])
+        near = self.values["near"] * metric_map.side
+        limits = NavLimits(near, self.values["step_seconds"])
         self.navigator = Navigator(metric_map, limits, number, self)
         return self.navigator
 
@@ -191,7 +186,7 @@ class Nav2DriverNode(MoverNode):
                 f"no server of {self._name}", throttle_duration_sec=5.0
             )
             return False
-        goal = self._type.Goal(behavior_tree=self.values["behavior_tree"])
+        goal = self._type.Goal()
         goal.pose.header.frame_id = self.values["map_frame"]
         goal.pose.pose = pose_message(target)
         heard = self.guarded(functools.partial(self._on_feedback, ticket))

@@ -30,7 +30,6 @@ from sparse_coord_ros.base.errors import (
     failure_of,
     message_of,
 )
-from sparse_coord_ros.base.limits import ASKED
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
@@ -51,7 +50,6 @@ from sparse_coord_ros.core.runs.run_config import (
     make_run,
 )
 from sparse_coord_ros.lab.driving.trials import (
-    BODY_SETTINGS,
     DRIVER_SETTINGS,
     NAV2_SETTINGS,
 )
@@ -88,7 +86,7 @@ _MORE: Mapping[str, Mapping[str, Setting]] = {
     },
     "driver": DRIVER_SETTINGS,
     "nav2_driver": NAV2_SETTINGS,
-    "body": BODY_SETTINGS,
+    "body": {"radius": DRIVER_SETTINGS["radius"]},
     "watch": PAGE_SETTINGS,
 }
 _TEAM = _OWN.pop("team")
@@ -249,7 +247,6 @@ class ParameterNode(Node):
         rclpys = ""
         if srv_type.__module__.startswith("rcl_interfaces."):
             rclpys = srv_name
-            callback = _bounded(callback)
         return super().create_service(
             srv_type, srv_name, self.guarded(callback, rclpys), **more
         )
@@ -420,20 +417,6 @@ def _plain(parameter: Parameter) -> Any:
     """Return a parameter's value; rclpy makes arrays of lists of numbers."""
     value = parameter.value
     return list(value) if isinstance(value, array) else value
-
-
-def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a parameter service's callback that raises SettingError for too large requests."""
-
-    def wrapped(request: Any, response: Any) -> Any:
-        asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
-        if asked > ASKED:
-            raise SettingError(
-                f"{asked:,} parameters in one request; allowed: {ASKED:,}"
-            )
-        return callback(request, response)
-
-    return wrapped
 
 
 def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:

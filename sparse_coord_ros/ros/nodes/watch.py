@@ -21,7 +21,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.base.limits import TABLES
 from sparse_coord_ros.core.game.interactions import (
     as_lists,
     interactions_of,
@@ -571,7 +570,7 @@ class HeardTeam:
         data, step, *_ = said
         with contextlib.suppress(Exception):  # a foreign node can publish anything
             where = ros_topics.TABLES.name
-            [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
+            [saved] = unpack_saved(data, [k + 1], where=where)
             tables = tables_of(
                 self._run.scenario, self._run.known_rule, k, saved.memory
             )
