@@ -53,7 +53,7 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
         ),
         read_run: serialize_message(String(data="format: 1")),
         typed(ros_topics.TABLES, read_tables_message): serialize_message(
-            tables_message(b"npz", 7, "final")
+            tables_message(b"npz", 7, "final", "ab")
         ),
     }
     passed = dropped = 0
