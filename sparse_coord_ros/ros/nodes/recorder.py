@@ -10,7 +10,7 @@ import time
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
@@ -26,10 +26,9 @@ from sparse_coord_ros.core.runs.run_config import (
 )
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
-from sparse_coord_ros.log.bags.reader import Bag
-from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.log.bags.reader import Bag, continued
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
+from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import STAMPED
 from sparse_coord_ros.protocol.wire.status import (
@@ -108,16 +107,14 @@ class Recording:
         self._order = Order()
         self._said = wire.RunState.WAITING.value
         self._begun: dict[str, str] = {}  # the attempts that the robots have begun
-        self._open = (
-            False  # messages count: the segment has begun, and no new order has come
-        )
+        # Messages count: the segment has begun, and no new order has come.
+        self._open = False
         self._late = False  # a message of the attempt before has come
         self._quiet_since = -math.inf
         self._state_ns: dict[str, int] = {}  # of each robot's newest local state
         self._tables: list[RobotTables] = []  # they wait
-        self._attached: dict[
-            int, set[str]
-        ] = {}  # robots by the time steps of their tables
+        # The robots whose tables are in the segment, by the tables' time step.
+        self._attached: dict[int, set[str]] = {}
 
     # Segments.
 
@@ -134,7 +131,8 @@ class Recording:
             self._quiet_since = now
         attempt = self._order.attempt
         begun = [self._begun.get(name) == attempt for name in self.run.scenario.names]
-        return all(begun) and now - self._quiet_since >= QUIET_SECONDS
+        quiet = now - self._quiet_since >= QUIET_SECONDS
+        return all(begun) and quiet and self._finds_robots()
 
     def _begin(self) -> None:
         """Begin a segment: the run and its files, then the robots' tables."""
@@ -246,17 +244,14 @@ class Recording:
     def listen(self) -> None:
         """Subscribe to the topics of the run's team."""
         node = self._node
-        of_team, of_node, of_robot = map(ros_topics.recorded, (TEAM, NODE, ROBOT))
+        of_team, of_robot = map(ros_topics.recorded, (TEAM, ROBOT))
         for topic in of_team:
             if topic is ros_topics.CLOCK:
                 topic = ros_topics.clock_of(self.run)
             if topic is not ros_topics.RUN:
                 self._record(topic, "")
-        for name in node.names_of(WORLD) or {WORLD}:
-            for topic in of_node:
-                self._record(topic, name)
         for robot in self.run.scenario.robots:
-            for topic in (*of_robot, *of_node):
+            for topic in of_robot:
                 self._record(topic, robot.name)
             attach = partial(self.hear_tables, robot.name)
             tables = ros_topics.TABLES
@@ -356,6 +351,16 @@ class Recording:
         if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
             self.flush()
 
+    def _finds_robots(self) -> bool:
+        """Return whether all robots are in the graph: they then know that this recorder listens.
+
+        A robot cannot tell by itself as long as a killed recorder is in its graph.
+        """
+        names = map(ros_topics.ACTION.of, self.run.scenario.names)
+        return self._node.direct is not None or all(
+            map(self._node.count_publishers, names)
+        )
+
     def all_done(self, now: float) -> bool:
         """Return whether the bag can be closed: no messages come, and none are due."""
         waited = now - self._presence.ended
@@ -392,8 +397,7 @@ class Recording:
 
 def further(order: Order) -> dict[str, str]:
     """Return what a further file of a bag says of the order with which it begins."""
-    step = str(order.checkpoint)
-    return {"why": "rolled_back", "step": step, "first": step}
+    return {"step": str(order.checkpoint)}
 
 
 def checkpoints_in(bag: Bag) -> list[int]:
@@ -499,11 +503,8 @@ class Recorder(Follower):
         if said.order.attempt in (NO_ATTEMPT, self._known):
             return
         assert self.run is not None
-        options: dict[str, Any] = {}
-        if self._earlier is not None:
-            options = {"earlier": self._earlier, "why": further(said.order)}
         bag = (BagWriter if self.direct is None else BagProcess)(
-            self.directory, **options
+            self.directory, earlier=self._earlier, says=further(said.order)
         )
         # a broken one stays unfinished
         self.at_end.enter_context(contextlib.suppress(BagError))

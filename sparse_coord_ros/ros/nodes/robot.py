@@ -10,7 +10,12 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import TablesError, in_short, os_error_text
+from sparse_coord_ros.base.errors import (
+    NameTakenError,
+    TablesError,
+    in_short,
+    os_error_text,
+)
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent
@@ -19,12 +24,10 @@ from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
-from sparse_coord_ros.protocol.lockstep.step_filter import StepFilter
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
 from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.guard import Guard
 from sparse_coord_ros.ros.nodes.messages import (
     Converter,
     robot_number,
@@ -38,6 +41,10 @@ from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 LAST_REWARD_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
+
+GHOST_SECONDS = 6.0
+"""How long another node of the robot's name may stay: a killed one is in the graph for 5 s
+(`config/fastdds.xml`)."""
 
 PEER_PATIENCE_SECONDS = 2.0
 """How long a robot that is ready waits for its peers' services before it logs their names."""
@@ -83,9 +90,6 @@ class Member:
         self._attempts = RobotAttempts(
             self.lockstep, self.output.store, self._fresh_agent, node.found.attempt
         )
-        self._step_filter = StepFilter()
-        # The last state that did not pass the filter: it counts if the world confirms its step.
-        self._kept = (0, 0)
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
@@ -123,16 +127,13 @@ class Member:
         return self._attempts.attempt != NO_ATTEMPT
 
     def world_said(self, said: RunStatus) -> None:
-        """Read the world's status: its order to begin, and its progress."""
+        """Read the world's status: its order to begin."""
         if self._attempts.obey(said.order):
             self._begin(said.order.checkpoint)
         self.output.store.forget_before(said.oldest)
-        if self._step_filter.confirmed(said.step):
-            self.lockstep.state(*self._kept)
 
     def _begin(self, step: int) -> None:
         """Begin at a checkpoint; the world waits until all listen again."""
-        self._step_filter = StepFilter(step)
         self.peers.start_anew()
         self.joined = False
         self._publish_tables(wire.Occasion.BEGIN)
@@ -174,17 +175,6 @@ class Member:
         if not self.joined:  # it went back, and does not listen again yet
             return
         step, cell = said
-        drop = self._node.subscriber.drop
-        if not self._step_filter.passes(step):
-            self._kept = said
-            drop(
-                ros_topics.LOCAL_STATE.of(self._name),
-                f"step {step} does not follow {self._step_filter.newest}, and the world has "
-                "not announced that step",
-            )
-            return
-        if self._presence.sees(step):
-            drop(ros_topics.STATUS.name, "the world announced the end of the run")
         self.lockstep.state(step, cell)
 
     def _on_save(self) -> tuple[bool, str]:
@@ -221,7 +211,6 @@ class Member:
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not self.peers.ready():
             return
         self._listen()
-        self._node.guard.join()
         self._say_progress()
 
     def _listen(self) -> None:
@@ -351,7 +340,6 @@ class RobotNode(Follower):
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
-        guard: guards its name.
         member: its part in the run, with Q*_k and Q^C_k; None: the run is not known yet.
 
     Raises:
@@ -363,11 +351,29 @@ class RobotNode(Follower):
 
     def __init__(self, *, name: str = "robot", **place: Unpack[NodePlace]) -> None:
         super().__init__(name, PARAMETERS["robot"], **place)
-        self.guard = Guard(self)
+        self._named = False
 
     def may_begin(self, now: float) -> bool:
-        """Return whether no earlier owner of the name has been heard in time."""
-        return self.guard.holds(now) and self.knows_the_world
+        """Return whether the robot has its name, and the world has said how it stands."""
+        return self._has_name(now) and self.knows_the_world
+
+    def _has_name(self, now: float) -> bool:
+        """Return whether no other node of the graph has the robot's name.
+
+        Raises:
+            NameTakenError: another node has it, and is no ghost.
+        """
+        if self._named or not self.looked_around(now):
+            return self._named
+        names = self.get_fully_qualified_node_names()
+        name = self.get_fully_qualified_name()
+        self._named = names.count(name) < 2
+        if not self._named and now - self.born >= GHOST_SECONDS:
+            raise NameTakenError(
+                f"node {name}: another node has this name; stop that one, or start this one under "
+                "another name or namespace"
+            )
+        return self._named
 
     def check(self, run: RunConfig) -> None:
         """Refuse code that may not be imported, and paths that the user did not give this node.
