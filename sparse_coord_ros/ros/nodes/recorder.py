@@ -468,6 +468,7 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
+            self.say_progress(self.found.attempt)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
@@ -493,6 +494,10 @@ class Recorder(Follower):
             self.checkpoints = checkpoints_in(self._earlier)
         self.say_progress(NO_ATTEMPT)
 
+    def go_on(self, now: float) -> None:
+        """Say that the recorder waits for the world's order."""
+        self.remind(self.reminder, "the world to say where the run begins")
+
     def say_progress(self, attempt: str) -> None:
         """Tell the world the steps before which the bag holds everything, and the attempt."""
         said = Progress(tuple(self.checkpoints), attempt)
@@ -509,6 +514,7 @@ class Recorder(Follower):
         # a broken one stays unfinished
         self.at_end.enter_context(contextlib.suppress(BagError))
         self.at_end.callback(bag.close)
+        self.reminder.over()
         self.part = self.recording = Recording(self, self.run, bag)
         self.recording.listen()
         self.recording.world_said(said)

@@ -179,7 +179,7 @@ class Member:
 
     def _on_save(self) -> tuple[bool, str]:
         if not self._begun:
-            return False, "the run has not begun"
+            return False, "the run has not begun: nothing can be saved"
         try:
             path = self._save()
         except OSError as error:
