@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_results import PLAN, made_up, result_of
+from sparse_coord_ros.show.results_report import results_report
 
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import parse_map
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.show.results_report import results_report
 from sparse_coord_ros.studies.catalogue import (
     LONG,
     NAMES,
