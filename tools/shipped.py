@@ -60,7 +60,7 @@ from tools.study.coordination import CROWDS, MANY, SEED
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 SCENARIOS = ("env1", "env2-2r", "pentagon", "isr", "cit")
 PENALTIES = ("0", "-0.1", "-1", "-10", "-20", "-100")
-TEACHING = ("lane", "lift", "aisle")
+TEACHING = ("lane", "aisle")
 """Scenarios of pairs that teach the kinds of interaction, with their own penalty."""
 
 FEW = 5

@@ -129,44 +129,13 @@ def test_a_list_is_what_it_says():
         12,
     ]
     assert {split_of(item.scenario) for item in LISTS["tuning-four"]} == {"tuning"}
-    for name in ("swap-pairs", "block-pairs", "help-pairs"):
+    for name in ("swap-pairs", "block-pairs"):
         assert len(LISTS[name]) == 24 and name in SAMPLED
         own = {item.scenario for item in LISTS[name]}
         assert {split_of(one) for one in own} == {"test"}
         assert not own & set(unseen_buildings())
     assert set(ABOUT) <= set(LISTS)
     assert not set(SAMPLED) & {"paper", "crowds", "percepts"}
-
-
-@pytest.mark.parametrize("item", LISTS["help-pairs"], ids=lambda item: item.scenario)
-def test_help_is_worth_coordination(item):
-    scenario = load_scenario(item.scenario).with_settings(item.settings)
-    assert scenario.interactions == load_scenario(item.scenario).interactions
-    paths = shortest_path_reference(scenario).returns
-    optimum = joint_optimum(scenario).value
-    assert optimum > paths + 3
-    assert paths < known_top(scenario) <= optimum + 1e-6
-
-
-def test_the_joint_optimum_of_a_building_with_help_places():
-    """Value iteration over the joint MDP finds it, and its team arrives."""
-    scenario = load_scenario("unseen2-door-2r-2h-1002")
-    mdp = sc.joint_mdp(scenario)
-    value = np.zeros(len(mdp.R))
-    for _ in range(600):
-        of_actions = np.stack(
-            [mdp.R[:, a] + mdp.discount * (P @ value) for a, P in enumerate(mdp.P)]
-        )
-        value = of_actions.max(axis=0)
-    assert value[mdp.start] == pytest.approx(joint_optimum(scenario).value, abs=1e-6)
-    chosen = of_actions.argmax(axis=0)
-    there = np.zeros(len(value))
-    there[mdp.start] = 1.0
-    for _ in range(scenario.horizon):
-        there = sum(
-            P.T @ np.where(chosen == a, there, 0.0) for a, P in enumerate(mdp.P)
-        )
-    assert there[mdp.goal] > 0.999
 
 
 @pytest.mark.parametrize("name", LISTS)

@@ -20,8 +20,6 @@ from sparse_coord_ros.core.solve.optimum import joint_optimum
         ("env1", {"interactions": "swap"}),
         ("env1", {"interactions": "block"}),
         ("env1", {"interactions": "together+swap+block:anywhere"}),
-        ("lift", {}),
-        ("lift", {"interactions": "together:anywhere+swap+block+help:20"}),
     ],
 )
 def test_value_iteration_finds_the_optimum(name, settings):

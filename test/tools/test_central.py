@@ -104,7 +104,7 @@ def test_with_joint_values_everywhere_it_finds_the_joint_optimum():
 def test_it_is_judged_in_the_lists_of_pairs_alone():
     judge = central.CentralJudge(50, 2, 2, 0, None, {})
     entry = Entry(central.TITLE, central.TITLE)
-    for name in ("crowds", "percepts", "unseen2-four", "help-pairs"):
+    for name in ("crowds", "percepts", "unseen2-four"):
         assert judge.place(entry, name, LISTS[name]).judged == ()
     place = judge.place(entry, "paper", LISTS["paper"])
     assert [one.scenario for one in place.judged] == [

@@ -471,12 +471,7 @@ def _results(
 
 
 def _can_learn(scenario: Scenario) -> bool:
-    """Return whether the learner fits: two robots, sure percepts, and no help.
-
-    It sees both robots at all times, and coordinates near doorways, not near help places.
-    """
-    if any(scenario.help_rewards):
-        return False
+    """Return whether the learner fits: two robots, which it sees at all times."""
     return len(scenario.robots) == 2 and scenario.perception.kind == "always"
 
 

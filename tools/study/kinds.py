@@ -8,7 +8,7 @@ from itertools import product
 
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
-from sparse_coord_ros.core.game.unseen import HELP_PLACES, HELPING, KINDS, VERSIONS
+from sparse_coord_ros.core.game.unseen import KINDS, VERSIONS
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.studies.catalogue import LONG
@@ -32,7 +32,7 @@ CONFLICT = 3.0
 """By how much the joint optimum of a building that counts exceeds shortest paths."""
 
 BLOCKS = ("block:anywhere",)
-INTERACTIONS = ("together", "together:anywhere", "swap", *BLOCKS, HELPING)
+INTERACTIONS = ("together", "together:anywhere", "swap", *BLOCKS)
 
 PARTS: Mapping[str, tuple[str, Mapping[str, object], tuple[str, ...]]] = {
     "all of it": ("factored", {}, INTERACTIONS),
@@ -111,8 +111,7 @@ def _buildings(interactions: str, seeds: tuple[int, ...]) -> tuple[str, ...]:
     """Return the buildings with a gap."""
     names = []
     for kind, seed in product(KINDS, seeds):
-        marked = f"-{HELP_PLACES}h" if interactions == HELPING else ""
-        name = f"{VERSIONS[0]}-{kind}-2r{marked}-{seed}"
+        name = f"{VERSIONS[0]}-{kind}-2r-{seed}"
         scenario = load_scenario(name).with_settings({"interactions": interactions})
         paths = shortest_path_reference(scenario).returns
         if _optimum(scenario) > paths + CONFLICT:

@@ -68,7 +68,7 @@ def joint_mdp(scenario: ScenarioLike) -> JointMDP:
     asking: `P[a]` holds the probabilities of the next joint state, `R` the expected rewards.
 
     Raises:
-        SettingError: it has more than 100,000 joint states, or with swap, block or help more
+        SettingError: it has more than 100,000 joint states, or with swap or block more
             than 33,554,432 outcomes of joint steps.
     """
     scenario = loaded(scenario)
@@ -130,7 +130,7 @@ def _independent(scenario: Scenario, actions: Moves) -> tuple[list[Any], np.ndar
 
 
 def _by_outcomes(scenario: Scenario, actions: Moves) -> tuple[list[Any], np.ndarray]:
-    """Return P and R of robots that swap, block or help."""
+    """Return P and R of robots that swap or block."""
     from scipy import sparse
 
     p = scenario.move_success

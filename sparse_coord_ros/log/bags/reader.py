@@ -53,7 +53,6 @@ class Bag:
     Attributes:
         files: its files.
         path: the file; for several files their directory.
-        part: whether only some blocks of its files are read.
 
     Raises:
         BagError: files do not belong together, or contain a run in another format.
@@ -67,7 +66,6 @@ class Bag:
         self.files = tuple(files)
         self._blocks = blocks
         self.path = files[0].path if len(files) == 1 else files[0].path.parent
-        self.part = blocks is not None
         topics: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics.values():
@@ -196,14 +194,10 @@ class Bag:
         return tuple(one for file in self.files for one in file.attachments)
 
     @property
-    def metadata_records(self) -> tuple[tuple[str, Mapping[str, str]], ...]:
-        """Name and texts of each metadata record; a name may be there more than once."""
-        return tuple(record for file in self.files for record in file.metadata)
-
-    @property
     def metadata(self) -> dict[str, Mapping[str, str]]:
         """The texts of the first metadata record of each name."""
-        return dict(reversed(self.metadata_records))
+        records = [record for file in self.files for record in file.metadata]
+        return dict(reversed(records))
 
     def between(self, first_ns: int, last_ns: int) -> "Bag":
         """Return the blocks with messages of some log times, as a bag."""
