@@ -29,7 +29,6 @@ setup(
     package_data={
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.lab.driving": ["*.yaml"],
-        f"{PACKAGE}.studies.report": ["templates/*"],
         f"{PACKAGE}.show": ["templates/*"],
         f"{PACKAGE}.ros.nodes": ["*.yaml"],
         f"{PACKAGE}.show.page": ["static/*"],

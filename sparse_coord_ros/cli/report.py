@@ -5,7 +5,6 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import JSON, Option, note
 
@@ -34,19 +33,9 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.show.sources import is_results, open_run
+        from sparse_coord_ros.show.report import run_report
+        from sparse_coord_ros.show.sources import open_run
 
-        if is_results(options.source):
-            if options.no_baselines:
-                raise SettingError(
-                    "--no-baselines is for runs, these are results; leave it out"
-                )
-            from sparse_coord_ros.show.results_report import results_report
-
-            page = results_report(options.source, note)
-        else:
-            from sparse_coord_ros.show.report import run_report
-
-            shown = open_run(options.source, note)
-            page = run_report(shown, baselines=not options.no_baselines)
+        shown = open_run(options.source, note)
+        page = run_report(shown, baselines=not options.no_baselines)
     pictures.write(options, page)

@@ -13,7 +13,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.studies.report.charts import rendered
+from sparse_coord_ros.show.charts import rendered
 
 Part = dict[str, Any]
 

@@ -7,6 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sparse_coord_ros.studies.standings import (
+    Standing,
+    failed_teams,
+    pooled_share,
+    standing,
+)
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import ResultsError, SettingError
@@ -31,12 +37,6 @@ from sparse_coord_ros.studies.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.studies.checked_json import to_text
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.lists import ABOUT, LISTS, PENALTY, SAMPLED
-from sparse_coord_ros.studies.standings import (
-    Standing,
-    failed_teams,
-    pooled_share,
-    standing,
-)
 
 SHIPPED = shipped_json("unseen.json")["buildings"]
 FEW = {

@@ -10,9 +10,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS, experiment
-from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.report.charts import (
     BASELINE,
     BEST_ASKING,
@@ -28,6 +25,9 @@ from sparse_coord_ros.studies.report.figures import (
     swept_figure,
 )
 from sparse_coord_ros.studies.report.map_pictures import asked_maps
+
+from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS, experiment
+from sparse_coord_ros.studies.condition_result import SUMS
 
 AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
 """Penalties in the order of the names of their files."""

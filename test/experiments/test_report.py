@@ -14,23 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_results import PLAN, made_up, result_of
-
-from sparse_coord_ros.base.percents import percent
-from sparse_coord_ros.core.game.grid import parse_map
-from sparse_coord_ros.core.game.scenario import SETTINGS
-from sparse_coord_ros.core.runs.evaluation import Measure
-from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.show.results_report import results_report
-from sparse_coord_ros.studies.catalogue import (
-    LONG,
-    NAMES,
-    REPORTED_LEARNERS,
-    Experiment,
-    experiment,
-)
-from sparse_coord_ros.studies.condition_result import SUMS
-from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.report import write_report
 from sparse_coord_ros.studies.report.analysis import (
     above_optimum,
     contradicts_itself,
@@ -47,6 +31,22 @@ from sparse_coord_ros.studies.report.figures import value_and_bar
 from sparse_coord_ros.studies.report.paper_sections import return_claims
 from sparse_coord_ros.studies.report.sections import SECTIONS
 from sparse_coord_ros.studies.report.text import listed, size, to_markdown
+
+from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.core.game.grid import parse_map
+from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.studies.catalogue import (
+    LONG,
+    NAMES,
+    REPORTED_LEARNERS,
+    Experiment,
+    experiment,
+)
+from sparse_coord_ros.studies.condition_result import SUMS
+from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.report import write_report
 from sparse_coord_ros.studies.store import Plan, open_results
 
 ROOT = Path(__file__).parents[2]

@@ -13,6 +13,7 @@ from made_up_results import PLAN, made_up
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
+from sparse_coord_ros.show.results import results_figure
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.palette import OUTCOME_COLOURS
@@ -23,7 +24,6 @@ from sparse_coord_ros.lab.driving.trials import Moment
 from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import policy_of
-from sparse_coord_ros.show.results import results_figure
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.show.steps import ended
 from sparse_coord_ros.studies.condition_result import SUMS
@@ -324,8 +324,6 @@ def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
     ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(
-        sys.modules, "sparse_coord_ros.studies.report.charts", raising=False
-    )
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.charts", raising=False)
     words = "pictures need the Python package matplotlib (import of matplotlib halted"
     assert words in said(capsys, trained, "--out", tmp_path / "x.png")

@@ -14,6 +14,7 @@ import pytest
 import yaml
 from made_up_results import PLAN, made_up
 from matplotlib.figure import Figure
+from sparse_coord_ros.show.results_report import results_report
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.engine.training import train
@@ -25,7 +26,6 @@ from sparse_coord_ros.log.runlog.explain import explained, in_words
 from sparse_coord_ros.log.runlog.log import read_run
 from sparse_coord_ros.show.html import picture
 from sparse_coord_ros.show.report import faults, run_report
-from sparse_coord_ros.show.results_report import results_report
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.studies.catalogue import experiment
 from sparse_coord_ros.studies.store import SUMS, open_results

@@ -5,6 +5,7 @@
 import math
 
 import pytest
+from sparse_coord_ros.core.solve.group_bound import without_others
 from teams import drawn
 
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -22,7 +23,6 @@ from sparse_coord_ros.core.solve.advice import (
     loss_of_ignoring,
     relative_gain,
 )
-from sparse_coord_ros.core.solve.group_bound import without_others
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 

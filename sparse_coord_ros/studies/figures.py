@@ -1,33 +1,31 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The figures: one function for each experiment, and one for any conditions."""
+"""The figures of experiments, and one of any conditions."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.core.game.settings import as_text
 from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS
-from sparse_coord_ros.studies.condition_result import ConditionResult
-from sparse_coord_ros.studies.report.analysis import difference, loss_alone
-from sparse_coord_ros.studies.report.charts import (
-    ALL,
-    BASELINE,
+from sparse_coord_ros.show.charts import (
     BEST_ASKING,
-    BOOTSTRAP,
     BOUND,
     ERRORS,
-    FACTORED,
     NESTED_TEXT,
     NO_BARS,
-    ONE,
     OPTIMUM,
     SHORTEST,
     SPREADS,
@@ -38,16 +36,39 @@ from sparse_coord_ros.studies.report.charts import (
     label_axes,
     panel_grid,
 )
-from sparse_coord_ros.studies.report.data import (
+from sparse_coord_ros.show.map_pictures import COLOUR_MAP, draw_map
+from sparse_coord_ros.studies.catalogue import (
+    NAMES,
+    REPORTED_LEARNERS,
+    Experiment,
+    experiment,
+)
+from sparse_coord_ros.studies.compared import (
     best_asking_team,
     by_scenario,
-    names,
+    loss_alone,
     paper,
-    pick,
 )
-from sparse_coord_ros.studies.report.map_pictures import asked_maps
-from sparse_coord_ros.studies.report.when_figures import when, when_kinds, when_more
-from sparse_coord_ros.studies.standings import standings
+from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.store import Say, read_results
+
+CELL_INCHES = 0.3
+"""Inches a cell, on maps of asks."""
+
+LINE_CELLS = 41
+"""Cells that fit in a line of maps."""
+
+SCALE = 0.8
+"""Inches of the scale below them."""
+
+LEAST = 8
+"""Cells that a map's title needs."""
+
+TITLE_LETTERS = 27
+"""Letters in a line of a map's title."""
+
+TITLE_LINE = 0.6
+"""Cells that such a line takes."""
 
 SWEPT_MEASURES = ("returns", "miscoordinations", "asks")
 """What `swept_figure` shows of conditions."""
@@ -56,11 +77,6 @@ MOST_COLUMNS = 4
 """Panels in a row of any conditions."""
 
 Results = Sequence[ConditionResult]
-
-
-def figures_of(name: str, results: Results) -> dict[str, Figure]:
-    """Return the figures of an experiment, by the names of their files."""
-    return {file: draw(results) for file, draw in DRAWN[name].items()}
 
 
 def beside_paper(
@@ -97,173 +113,6 @@ def beside_paper(
         label_axes(drawn, 3, measure)
         finish_measure(drawn, measure)
     add_legend(figure, said.format(runs=results[0].runs))
-    return figure
-
-
-def ask_cost(results: Results) -> Figure:
-    """Draw Coop. against the cost, beside Non-coop., which never pays it."""
-    scenarios = by_scenario(results)
-    columns = len(scenarios)
-    figure, panels = panel_grid(2 * columns, columns)
-    upper = panels[:columns]
-    asks = panels[columns:]
-    for number, own in enumerate(scenarios):
-        coop = pick(own, learner="coop")
-        [base] = pick(own, learner="noncoop")
-        returns = measured(coop, "returns")
-        returns[BASELINE] = base.best("returns").mean
-        draw_lines(upper[number], returns, "ask_cost")
-        draw_lines(asks[number], measured(coop, "asks"), "ask_cost")
-        for axes in (upper[number], asks[number]):
-            axes.set_title(base.scenario.name, fontsize=11)
-    label_axes(upper, columns, "returns")
-    label_axes(asks, columns, "asks", "ask_cost")
-    finish_measure(upper, "returns")
-    finish_measure(asks, "asks")
-    add_legend(figure, ERRORS.format(runs=results[0].runs) + NESTED_TEXT)
-    return figure
-
-
-def perception(results: Results) -> Figure:
-    """Draw Coop. against the probability of an answer, then by the robots' places."""
-    columns = len(names(results))
-    figure, panels = panel_grid(4 * columns, columns)
-    drawn = [one for one in results if one.scenario.perception.kind == "probability"]
-    placed = [one for one in results if one.scenario.perception.kind != "probability"]
-    rows = [panels[at * columns : (at + 1) * columns] for at in range(4)]
-    for row, measure in zip(rows[:2], ("returns", "asks"), strict=True):
-        for axes, own in zip(row, by_scenario(drawn), strict=True):
-            data = measured(own, measure)
-            data["chance"] = [one.scenario.perception.numbers[0] for one in own]
-            draw_lines(axes, data, "chance")
-            axes.set_title(own[0].scenario.name, fontsize=11)
-    for row, measure in zip(rows[2:], ("returns", "asks"), strict=True):
-        for axes, own in zip(row, by_scenario(placed), strict=True):
-            data = measured(own, measure)
-            data["place"] = [_place_name(one) for one in own]
-            draw_points(axes, data, "place", _place_names(placed))
-            axes.set_title(f"{own[0].scenario.name}, by place", fontsize=11)
-    label_axes(rows[0], columns, "returns")
-    label_axes(rows[1], columns, "asks", "probability of an answer")
-    label_axes(rows[2], columns, "returns")
-    label_axes(rows[3], columns, "asks", "range [cells]; sight: line of sight")
-    finish_measure(rows[0] + rows[2], "returns")
-    finish_measure(rows[1] + rows[3], "asks")
-    add_legend(figure, ERRORS.format(runs=results[0].runs) + NESTED_TEXT)
-    return figure
-
-
-def _place_name(result: ConditionResult) -> str:
-    numbers = result.scenario.perception.numbers
-    return f"{numbers[0]:g}" if numbers else "sight"
-
-
-def _place_names(results: Results) -> list[str]:
-    """Return the ranges from the smallest on, then line of sight."""
-    ordered = sorted(
-        results, key=lambda one: one.scenario.perception.numbers or (math.inf,)
-    )
-    return list(dict.fromkeys(map(_place_name, ordered)))
-
-
-def crowd(results: Results) -> Figure:
-    """Draw six measures against the number of robots."""
-    asking = [one for one in results if one.learner.asks]
-    data = {
-        "returns": _crowd_data(results, "returns"),
-        "loss": _crowd_data(results, "loss"),
-        "gain": _crowd_gains(results),
-        "miscoordinations": _crowd_data(results, "miscoordinations"),
-        "asks": _crowd_data(asking, "asks"),
-        "bytes": _crowd_bytes(asking),
-    }
-    figure, panels = panel_grid(len(data), columns=3)
-    for axes, (measure, points) in zip(panels, data.items(), strict=True):
-        draw_lines(axes, points, "robots")
-        label_axes([axes], 1, measure, "robots")
-        finish_measure([axes], measure)
-    for axes in panels[:3]:
-        axes.set_xlabel("")
-    add_legend(figure, ERRORS.format(runs=results[0].runs) + NESTED_TEXT)
-    return figure
-
-
-def _crowd_data(results: Results, measure: str) -> pd.DataFrame:
-    data = measured(results, measure)
-    data["line"] = [crowd_line(one) for one in results]
-    data["robots"] = [len(one.scenario.robots) for one in results]
-    # The best asking team is known for two robots only, which makes no line.
-    return data.drop(columns=BEST_ASKING, errors="ignore")
-
-
-def _crowd_gains(results: Results) -> pd.DataFrame:
-    """Return the gain of each way to coordinate over Non-coop., run by run."""
-    sizes = [len(one.scenario.robots) for one in pick(results, learner="noncoop")]
-    points = []
-    for line, gains in crowd_gains(results).items():
-        for robots, gain in zip(sizes, gains, strict=True):
-            point = value_and_bar(gain, "gain", "standard_error")
-            points.append({"line": line, "robots": robots, **point})
-    return pd.DataFrame(points)
-
-
-def _crowd_bytes(results: Results) -> pd.DataFrame:
-    """Return the bytes of the rows visited; for Coop. also those of a dense table."""
-    points = []
-    for one in results:
-        line = crowd_line(one)
-        point = {"robots": len(one.scenario.robots), "low": 0.0, "high": 0.0}
-        points.append({"line": line, "value": one.visited_bytes, **point})
-        if one.condition.learner == "coop":
-            dense = {"line": f"{line}, dense table", "value": float(one.dense_bytes)}
-            points.append({**dense, **point})
-    return pd.DataFrame(points)
-
-
-def crowd_line(result: ConditionResult) -> str:
-    """Return the line of a condition of the crowd: the learner, for Coop. with its peers."""
-    if result.condition.learner != "coop":
-        return result.learner.title
-    return {"one": ONE, "all": ALL}[result.scenario.peers]
-
-
-def crowd_gains(results: Results) -> dict[str, list[Measure]]:
-    """Return the gain of each way to coordinate over Non-coop., by team size."""
-    base = pick(results, learner="noncoop")
-    coop = pick(results, learner="coop")
-    ways = {
-        ONE: pick(coop, peers="one"),
-        ALL: pick(coop, peers="all"),
-        FACTORED: pick(results, learner="factored"),
-    }
-    return {line: list(map(difference, own, base)) for line, own in ways.items()}
-
-
-def unseen(results: Results) -> Figure:
-    """Draw the share of the gap that each learner closes, by team size and kind of building."""
-    kinds = list(dict.fromkeys(one.scenario.name.split("-")[1] for one in results))
-    points = []
-    for learner in REPORTED_LEARNERS:
-        own = pick(results, learner=learner)
-        for where, standing in standings(own, by_kind=True).items():
-            team, kind = where.split()
-            points.append(
-                {
-                    "team": f"{team.removesuffix('r')} robots",
-                    "kind": kind,
-                    "line": own[0].learner.title,
-                    "side": side_of(learner),
-                    **value_and_bar(standing.share, "share", "standard_error"),
-                }
-            )
-    teams = list(pd.DataFrame(points).groupby("team", sort=False))
-    figure, panels = panel_grid(len(teams), columns=3, width=4.2)
-    for axes, (team_robots, data) in zip(panels, teams, strict=True):
-        draw_points(axes, data, "kind", kinds)
-        axes.set_title(str(team_robots), fontsize=11)
-    label_axes(panels, 3, "share")
-    finish_measure(panels, "share")
-    add_legend(figure, BOOTSTRAP.format(runs=results[0].runs))
     return figure
 
 
@@ -417,7 +266,7 @@ def measure_of(result: ConditionResult, name: str) -> Measure:
 def value_and_bar(measure: Measure, name: str, bars: str) -> dict[str, float]:
     """Return the value and the lengths of its bar; no bar leads below 0 where no value can."""
     error = getattr(measure, bars)
-    signed = name in ("returns", "loss", "gain", "share")
+    signed = name in ("returns", "loss")
     low = error if signed else min(error, measure.mean)
     return {"value": measure.mean, "low": low, "high": error}
 
@@ -445,14 +294,69 @@ def compared_with(
     return values
 
 
+def asked_maps(results: Sequence[ConditionResult]) -> Figure:
+    """Draw where COORDINATE is chosen: a map a condition, all with one scale of colours.
+
+    Each map says its learner and settings.
+    """
+    totals = {one.id: np.array(one.asked).sum(axis=0) for one in results}
+    norm = PowerNorm(
+        0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1
+    )
+    figure = Figure()
+    axes = figure.add_axes((0, 0, 1, 1))
+    left = top = deep = 0.0
+    for one in sorted(results, key=lambda one: one.scenario.map.shape[1]):
+        rows, columns = one.scenario.map.shape
+        wide = max(LEAST, columns)
+        if left + wide > LINE_CELLS:
+            left = 0.0
+            top = top + deep
+            deep = 0.0
+        title = _title(one)
+        above = TITLE_LINE * len(title)
+        corner = (left + (wide - columns) / 2, top + above + 0.2)
+        shades = np.asarray(norm(totals[one.id]))
+        draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
+        axes.text(
+            corner[0] + columns / 2,
+            top + above,
+            "\n".join(title),
+            ha="center",
+            fontsize=9,
+        )
+        left = left + wide + 1
+        deep = max(deep, rows + above + 0.6)
+    axes.set(xlim=(-0.2, LINE_CELLS + 0.2), ylim=(top + deep, 0))
+    axes.axis("off")
+    height = (top + deep) * CELL_INCHES + SCALE
+    figure.set_size_inches(LINE_CELLS * CELL_INCHES, height)
+    axes.set_position((0, SCALE / height, 1, 1 - SCALE / height))
+    figure.colorbar(
+        ScalarMappable(norm, colormaps[COLOUR_MAP].resampled(256)),
+        cax=figure.add_axes((0.25, 0.55 / height, 0.5, 0.12 / height)),
+        orientation="horizontal",
+        label="COORDINATE chosen in the cell, per episode, all robots together",
+    )
+    return figure
+
+
+def _title(result: ConditionResult) -> list[str]:
+    """Return the lines above a map: scenario, learner, settings, and how often a robot asks."""
+    settings = ", ".join(f"{name} {value}" for name, value in result.condition.settings)
+    return [
+        f"{result.scenario.name}, {result.learner.title}",
+        *textwrap.wrap(settings, TITLE_LETTERS),
+        f"{result.best('asks').mean:.3f} asks a robot",
+    ]
+
+
 Draw = Callable[[Results], Figure]
 
+_TABLE = partial(beside_paper, measures=["returns"], bars="spread", said=SPREADS)
+
 DRAWN: Mapping[str, Mapping[str, Draw]] = {
-    "table1": {
-        "table1": partial(
-            beside_paper, measures=["returns"], bars="spread", said=SPREADS
-        )
-    },
+    "table1": {"table1": _TABLE},
     "table2": {
         "table2": partial(
             beside_paper,
@@ -461,11 +365,7 @@ DRAWN: Mapping[str, Mapping[str, Draw]] = {
             said=SPREADS,
         )
     },
-    "table3": {
-        "table3": partial(
-            beside_paper, measures=["returns"], bars="spread", said=SPREADS
-        )
-    },
+    "table3": {"table3": _TABLE},
     "figure4": {
         "figure4": partial(swept_figure, x="penalty", measures=["loss"]),
         "figure4_variance": partial(swept_figure, x="penalty", measures=["variance"]),
@@ -475,13 +375,76 @@ DRAWN: Mapping[str, Mapping[str, Draw]] = {
             beside_paper, measures=["returns"], bars="standard_error", said=ERRORS
         )
     },
-    "ask_cost": {"ask_cost": ask_cost},
-    "perception": {"perception": perception},
-    "uneven": {"uneven": partial(swept_figure, x="common_reward")},
-    "crowd": {"crowd": crowd},
-    "where": {"where": asked_maps},
-    "unseen": {"unseen": unseen},
-    "when": {"when": when, "when_more": when_more, "when_kinds": when_kinds},
-    "conditions": {"conditions": swept_figure},
 }
-"""What draws each figure, by experiment and file; `conditions` draws any conditions."""
+"""What draws the figures of an experiment, by the names of their files. The other experiments have
+one figure, `swept_figure`."""
+
+
+def figures_of(name: str) -> Mapping[str, Draw]:
+    """Return what draws the figures of an experiment, by the names of their files."""
+    return DRAWN.get(name, {name: swept_figure})
+
+
+def results_figure(
+    directory: Path, what: str | None = None, say: Say = lambda _: None
+) -> tuple[str, Figure]:
+    """Draw a figure of a results directory.
+
+    Args:
+        directory: the results directory.
+        what: `conditions`: all of them; `asks`: a map for each scenario in which robots may ask,
+            of the condition of `most_asking`; a complete experiment, or one of its figures; None:
+            the first of these.
+        say: receives notes on omissions, and on the condition that a map shows.
+
+    Returns:
+        The figure's name, and the figure.
+
+    Raises:
+        ResultsError: the directory has no results, or a damaged one.
+        SettingError: unknown figure.
+    """
+    _, results = read_results(directory, say)
+    if not results:
+        remedy = "'sparse_coord reproduce' writes results"
+        raise ResultsError(f"{directory}: holds no result yet; {remedy}")
+    draws: dict[str, Draw] = {"conditions": swept_figure}
+    shown = {"conditions": results}
+    for one, own in _complete(results):
+        draws |= figures_of(one.name)
+        shown |= dict.fromkeys(figures_of(one.name), own)
+    asking = by_scenario(one for one in results if one.learner.asks)
+    if asking:
+        draws["asks"] = asked_maps
+        shown["asks"] = [most_asking(own) for own in asking]
+    what = what or "conditions"
+    if what not in draws:
+        why = f"these results have {', '.join(draws)}{did_you_mean(what, draws)}"
+        raise SettingError(f"--what {what!r}: {why}")
+    if what == "asks":
+        for result in shown[what]:
+            say(
+                f"asks: {result.id}, where robots ask most at the hardest penalty there is"
+            )
+    return what, draws[what](shown[what])
+
+
+def _complete(results: Results) -> Iterator[tuple[Experiment, list[ConditionResult]]]:
+    """Yield the experiments with results of all their conditions, and these results."""
+    by_id = {one.id: one for one in results}
+    for name in NAMES:
+        one = experiment(name)
+        if all(each.id in by_id for each in one.conditions):
+            yield one, [by_id[each.id] for each in one.conditions]
+
+
+def most_asking(results: Results) -> ConditionResult:
+    """Return one scenario's condition with the hardest penalty in which robots ask most.
+
+    It has most to show. Of equal ones the first by its id.
+    """
+    hardest = min(one.scenario.penalty for one in results)
+    there = sorted(
+        (one for one in results if one.scenario.penalty == hardest), key=lambda e: e.id
+    )
+    return max(there, key=lambda one: one.best("asks").mean)

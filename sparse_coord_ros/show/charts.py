@@ -7,7 +7,6 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -19,7 +18,6 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS
 
 LABELS = {
     "returns": "return of a robot",
@@ -28,13 +26,10 @@ LABELS = {
     "asks": "COORDINATE per\nrobot and episode",
     "loss": "loss against\nrobots alone",
     "variance": "variance of the return",
-    "gain": "return above\nNon-coop. (paired)",
-    "share": "share of the gap",
-    "bytes": "$Q^C$ of one robot [bytes]",
 }
 """What the vertical axis of each measure is called."""
 
-LOGARITHMIC = {"penalty", "steps", "bytes", "loss", "variance"}
+LOGARITHMIC = {"penalty", "steps", "loss", "variance"}
 """Settings and measures with a logarithmic axis in every figure. All others have a linear one."""
 
 LEAST_SPANS = {
@@ -44,7 +39,6 @@ LEAST_SPANS = {
     "asks": 0.2,
     "loss": 0.5,
     "variance": 1.0,
-    "gain": 0.5,
 }
 """Smallest span of the vertical axis, so that rounding noise looks like none."""
 
@@ -52,13 +46,12 @@ OPTIMUM = "exact joint optimum"
 BOUND = "bound of the optimum"
 SHORTEST = "shortest paths, exact"
 BEST_ASKING = "best asking team found"
-BASELINE = "Non-coop., at any cost"
-REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, BASELINE, SHORTEST)
+REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, SHORTEST)
 """Lines that learners are compared with: columns of the data that `draw_*` take."""
 
-INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in REPORTED_LEARNERS)
-ONE = f"{COOP}, one peer"
-ALL = f"{COOP}, all peers"
+INDIV, NONCOOP, COOP, FACTORED = (
+    learner_of(name).title for name in ("indiv", "noncoop", "coop", "factored")
+)
 
 HOLLOW = {"markerfacecolor": "white"}
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -74,10 +67,6 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         for name, style in LEARNER_STYLES.items()
         for whose, fill in (("ours", {}), ("paper", HOLLOW))
     },
-    ONE: LEARNER_STYLES[COOP],
-    ALL: {"color": "#AA4499", "marker": "D", "linestyle": "-.", **HOLLOW},
-    f"{ONE}, dense table": {"color": "0.35", "marker": "x", "linestyle": "-"},
-    f"{ALL}, dense table": {"color": "black", "marker": "+", "linestyle": "-."},
     OPTIMUM: {
         "color": "black",
         "linestyle": (0, (6, 2)),
@@ -96,7 +85,6 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         "linewidth": 1.2,
         "zorder": 1.5,
     },
-    BASELINE: {"color": "#A6CEE3", "linestyle": "-", "linewidth": 3.5, "zorder": 1.2},
     SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 4, "zorder": 1},
 }
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
@@ -113,8 +101,6 @@ NESTED: Mapping[str, Mapping[str, Any]] = {
     INDIV: {"linewidth": 3.6, "markersize": 9.0, "zorder": 2.1},
     NONCOOP: {"linewidth": 2.7, "markersize": 7.5, "zorder": 2.2},
     COOP: {"linewidth": 1.9, "markersize": 5.5, "zorder": 2.3},
-    ONE: {"linewidth": 1.9, "markersize": 5.5, "zorder": 2.3},
-    ALL: {"linewidth": 1.3, "markersize": 4.5, "zorder": 2.4},
     FACTORED: {"linewidth": 1.0, "markersize": 4.0, "zorder": 2.5},
 }
 """Sizes of joined lines: where lines are equal, each later one lies within the one before.
@@ -135,9 +121,6 @@ POINT: Mapping[str, Any] = {
 ERRORS = "Bars: one standard error of the mean over {runs} learning runs."
 SPREADS = (
     "Bars: spread (standard deviation) over robots and trials of {runs} learning runs."
-)
-BOOTSTRAP = (
-    "Bars: one standard error, a bootstrap over buildings and {runs} teams in each."
 )
 NO_BARS = "Each point: {runs} learning runs."
 NESTED_TEXT = "\nLines that coincide lie on one another, the thinner on top."
@@ -469,10 +452,3 @@ def embedded(figure: Figure, what: str) -> str:
     data = base64.b64encode(rendered(figure, "png", few=True)).decode()
     style = "max-width: 100%; min-width: 0; height: auto"
     return f'<img alt="{what}" style="{style}" src="data:image/png;base64,{data}">'
-
-
-def save(figure: Figure, stem: Path) -> None:
-    """Write `stem`.png and `stem`.svg."""
-    stem.with_name(f"{stem.name}.svg").write_bytes(rendered(figure, "svg"))
-    figure.set_layout_engine("none")  # laid out by now: once is enough
-    stem.with_name(f"{stem.name}.png").write_bytes(rendered(figure, "png", few=True))
