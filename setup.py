@@ -14,7 +14,7 @@ OPEN_SPIEL = (
 
 setup(
     name=PACKAGE,
-    version="2.0.0",
+    version="3.0.0.dev0",
     description="Robots that learn when and how to coordinate (Melo & Veloso 2009), on ROS 2",
     long_description=(Path(__file__).resolve().parent / "README.md").read_text(
         encoding="utf-8"
@@ -29,7 +29,6 @@ setup(
     package_data={
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.lab.driving": ["*.yaml"],
-        f"{PACKAGE}.show": ["templates/*"],
         f"{PACKAGE}.ros.nodes": ["*.yaml"],
         f"{PACKAGE}.show.page": ["static/*"],
     },
@@ -68,7 +67,6 @@ setup(
         "lz4",
         "zstandard",
         "mcap-ros2-support",
-        "jinja2",
         "matplotlib",
         "pandas",
         "pillow",

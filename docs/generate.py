@@ -114,8 +114,8 @@ def _scenarios():
             scenario, results[results.scenario == name]
         )
     text = (
-        "Nine are the paper's. The crowds have two to eight robots in one building. Aisle, bay, "
-        "merge, lane, lift, rooms and floor-4r teach the kinds of interaction."
+        "Nine are the paper's. The crowds have two to eight robots in one building. Aisle, "
+        "lane, lift and floor-4r teach the kinds of interaction."
     )
     made["scenarios/index.md"] = f"# Scenarios\n\n{text}\n\n{_contents(names)}"
     return made

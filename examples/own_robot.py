@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Your own robot in plain rclpy, without learning: it moves at random.
 
-Written from docs/own_robot.md: python own_robot.py --ros-args -r __node:=robot_1
+docs/own_robot.md says what each message means: python own_robot.py --ros-args -r __node:=robot_1
 """
 
 import random
-import uuid
 from contextlib import suppress
 
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetPlan
@@ -26,7 +25,6 @@ from std_msgs.msg import String
 
 STEP = QoSProfile(depth=10_000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-CONTENTS = ServiceIntrospectionState.CONTENTS
 MOVES = [{"east": 1}, {"east": -1}, {"north": 1}, {"north": -1}]
 LABELS = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
 
@@ -46,13 +44,10 @@ class OwnRobot(Node):
         self.begun = 0
         self.transitions = 0
         self.name = self.get_name()
-        self.life = uuid.uuid4().hex
-        self.obeyed = ""
-        self.checkpoints = {}
         self.action = self.create_publisher(JointState, "~/action", STEP)
-        self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
         service = self.create_service(GetPlan, "~/active_perception", self.on_asked)
-        service.configure_introspection(self.get_clock(), STEP, CONTENTS)
+        contents = ServiceIntrospectionState.CONTENTS
+        service.configure_introspection(self.get_clock(), STEP, contents)
         self.create_subscription(String, "run", self.on_run, LATCHED)
         self.create_subscription(OccupancyGrid, "map", self.on_map, LATCHED)
         self.create_subscription(DiagnosticStatus, "status", self.on_status, LATCHED)
@@ -66,50 +61,21 @@ class OwnRobot(Node):
         self.map = message.info
 
     def on_status(self, message):
-        """Join when world and recorder hear this robot, obey each order once, end with the run."""
+        """Join when world and recorder hear this robot; end with the run."""
         values = {one.key: one.value for one in message.values}
         if not self.run or not self.map or values["run"] != self.run["id"]:
             return
-        if (
-            not self.states
-            and self.action.get_subscription_count() > self.run["recorded"]
-        ):
+        heard_by = self.action.get_subscription_count()
+        if not self.states and heard_by > self.run["recorded"]:
             self.listen()
-            self.say_progress()
-        order, step, _ = values["rollback"].split() or (self.obeyed, -1, 0)
-        if (
-            self.states
-            and order != self.obeyed
-            and int(step) in (-1, *self.checkpoints)
-        ):
-            self.obeyed = order
-            self.go_back(int(step))
-            self.say_progress()
         self.over = message.message in ("finished", "stopped")
 
     def listen(self):
         """Hear the world; without this it does not begin."""
-        self.rewards = self.create_subscription(
-            JointState, "~/reward", self.on_reward, STEP
-        )
+        self.create_subscription(JointState, "~/reward", self.on_reward, STEP)
         self.states = self.create_subscription(
             PoseStamped, "~/local_state", self.on_state, STEP
         )
-
-    def go_back(self, step):
-        """Stay: it keeps no checkpoints, and is asked only where it is (step -1)."""
-
-    def say_progress(self):
-        """Say where this robot is, and to which time steps it can go back."""
-        checkpoints = " ".join(map(str, self.checkpoints))
-        said = {
-            "life": self.life,
-            "step": max(self.step, 0),
-            "transitions": self.transitions,
-        }
-        said |= {"checkpoints": checkpoints, "obeyed": self.obeyed, "resumed": 0}
-        values = [KeyValue(key=key, value=str(value)) for key, value in said.items()]
-        self.progress.publish(DiagnosticStatus(values=values))
 
     def on_state(self, message):
         """Act in a new state; say the same again where the world says the state again."""
@@ -123,10 +89,6 @@ class OwnRobot(Node):
             self.step = step
             self.state = message
             self.said = None
-        self.work_off()
-
-    def work_off(self):
-        """Act, where an action is due."""
         if not self.said and not self.rests():
             self.act(**random.choice(MOVES))
 
@@ -158,7 +120,7 @@ class OwnRobot(Node):
         self.action.publish(self.said)
 
     def on_reward(self, message):
-        """Learn nothing."""
+        """Learn nothing; a learning robot begins here."""
 
     def on_asked(self, request, response):
         """Tell a peer of the same time step where this robot is, and a person (stamp 0)."""
@@ -168,10 +130,10 @@ class OwnRobot(Node):
         return response
 
 
-def main(kind=OwnRobot):
+def main():
     """Run a robot until its run is over."""
     rclpy.init()
-    robot = kind()
+    robot = OwnRobot()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         while not robot.over:
             rclpy.spin_once(robot)

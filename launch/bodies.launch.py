@@ -8,9 +8,8 @@ owns the clock, as simulators do: poses and transforms have its time, not that o
 
 from dataclasses import replace
 
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.runs.run_config import NO_CLOCK, OWN_CLOCK
+from sparse_coord_ros.core.runs.run_config import NO_CLOCK
 from sparse_coord_ros.ros.launching import ARGUMENTS, description
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
@@ -18,15 +17,14 @@ WORLD, DRIVER, BODY = (
     PARAMETERS[node] for node in ("world_simulator", "driver", "body")
 )
 OF_DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
-OF_BODY = ("radius", "body_rate", "paths")
+OF_BODY = ("radius", "body_rate")
 OWN = {
     "simulate": Setting("simulate", bool, True, "false: robots of your own are there"),
     "clock": replace(WORLD["clock"], default=NO_CLOCK),
-    "body_clock": replace(BODY["body_clock"], default=True),
     "use_sim_time": replace(
         ARGUMENTS["use_sim_time"],
         default=True,
-        help="the nodes' ROS clocks follow the topic clock; without body_clock: false",
+        help="the nodes' ROS clocks follow the topic clock; false if no simulated bodies own it",
     ),
     "slips": WORLD["slips"],
     **{name: DRIVER[name] for name in OF_DRIVER},
@@ -36,7 +34,7 @@ OWN = {
 
 def start(team):
     """Add the team, a driver for each robot, and the simulator."""
-    body_clock = has_body_clock(team)
+    body_clock = team.get("simulate") and team.of_world("clock") == NO_CLOCK
     team.own_clock = team.own_clock or body_clock
     team.sim_time = team.given.get("use_sim_time", body_clock)
     team.add_team(bodies=True, **team.of(["slips"]))
@@ -47,22 +45,8 @@ def start(team):
             f"{robot.name}_driver",
         )
     if team.get("simulate"):
-        team.add("body", {**team.of(OF_BODY), "body_clock": body_clock})
+        team.add("body", team.of(OF_BODY))
     team.add_views()
-
-
-def has_body_clock(team):
-    """Return whether the simulated bodies own the clock."""
-    if not team.get("simulate"):
-        return False
-    if team.of_world("clock") != OWN_CLOCK:
-        return team.get("body_clock")
-    if team.given.get("body_clock"):
-        raise SettingError(
-            "argument body_clock: value is true, but the world owns the clock (clock:=own); "
-            "leave one of them out"
-        )
-    return False
 
 
 def generate_launch_description():

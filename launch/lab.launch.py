@@ -17,10 +17,7 @@ from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
 
 WORLD = PARAMETERS["world_simulator"]
 TABLE = PARAMETERS["nav2_driver"]
-DRIVER = (
-    *("near", "step_seconds", "feedback_timeout", "detour", "bring", "behavior_tree"),
-    *("map_frame", "pose_timeout"),
-)
+DRIVER = ("near", "step_seconds", "map_frame", "pose_timeout")
 OWN = {
     "robots": Setting(
         *("robots", str, ""),

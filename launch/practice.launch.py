@@ -25,7 +25,6 @@ OWN = {
         "robots' names",
     ),
     "speed": STAND_IN["speed"],
-    "fault": STAND_IN["fault"],
 }
 
 
@@ -38,7 +37,7 @@ def start(given, context):
     said = {
         "bases": one_for_each("robots", values.get("robots", ""), scenario.names),
         "places": [f"{x},{y}" for x, y in places],
-        **{name: values[name] for name in ("speed", "fault") if name in values},
+        "speed": values.get("speed", OWN["speed"].default),
     }
     executable = "nav2_stand_in"
     return [

@@ -27,8 +27,6 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.base.files import path_argument
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.cluster import SchedulerLike, check_place, cluster_at
-from sparse_coord_ros.core.engine.improve import Improvement
-from sparse_coord_ros.core.engine.improve import improve as plan
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.perception import perception_model, register_perception
@@ -92,8 +90,6 @@ if TYPE_CHECKING:
 __all__ = ["load_scenario", "scenario_names", "Scenario"]
 # Learning
 __all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
-# Planning on what was learned
-__all__ += ["improve", "Improvement"]
 # What it is worth
 __all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
 __all__ += ["optimum", "shortest_paths"]
@@ -335,25 +331,6 @@ def train_many(
             done.append(run)
             progress(len(done), plan.runs)
     return Runs(problem, rule.label, tuple(done))
-
-
-def improve(learned: "str | Path | Training | SavedRun") -> Improvement:
-    """Let robots share what they learned once, then plan together.
-
-    `evaluate_exact(found.tables, scenario=...)` computes the value of the plan.
-
-    Args:
-        learned: a `Training` of `train`, a `SavedRun` or its directory, of learner factored.
-
-    Raises:
-        SettingError: the robots did not learn the model that it needs.
-        TablesError: the tables are missing or malformed.
-    """
-    run = load_run(learned) if isinstance(learned, str | Path) else learned
-    is_run = isinstance(run, Training | SavedRun)
-    allowed = "a Training, a SavedRun or its directory"
-    check_argument(LEARNED_ARGUMENT, learned, is_run, allowed, TablesError)
-    return plan(run.scenario, run.learner, [table.memory for table in run.tables])
 
 
 def evaluate(

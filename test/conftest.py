@@ -95,16 +95,6 @@ def rewritten():
     return rewritten
 
 
-def pytest_addoption(parser):
-    """Let the ROS tests run on another executor of the package."""
-    parser.addoption(
-        "--executor",
-        choices=("events", "single"),
-        default="events",
-        help="of the ROS tests' nodes",
-    )
-
-
 def pytest_configure(config):
     """Keep compiled loops for all processes of this test run, and no longer.
 

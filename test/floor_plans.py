@@ -282,6 +282,23 @@ def write(name: str, directory: Path) -> list[tuple[float, float]]:
     return [(x + origin[0], y + origin[1]) for x, y in plan.doors]
 
 
+def write_grid(grid: GridMap, directory: Path, pixels: int = 10) -> Path:
+    """Write a map's YAML file and image, with cells of 1 m; doorways are free cells."""
+    free = np.array([[sign != "#" for sign in row] for row in grid.rows])
+    values = np.where(free, FREE, WALL).astype(np.uint8)
+    values = values.repeat(pixels, axis=0).repeat(pixels, axis=1)
+    directory.mkdir(exist_ok=True)
+    Image.fromarray(values).save(directory / f"{grid.name}.pgm")
+    said = {
+        "image": f"{grid.name}.pgm",
+        "resolution": 1.0 / pixels,
+        "origin": [0.0, 0.0, 0.0],
+    }
+    path = directory / f"{grid.name}.yaml"
+    path.write_text(yaml.safe_dump(said, sort_keys=False))
+    return path
+
+
 def matched(true: list[tuple[float, float]], grid: GridMap) -> tuple[int, int]:
     """Return how many true doorways a map has, and how many of its doorway cells lie in none."""
     side = grid.resolution or 1.0

@@ -14,8 +14,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros.base.version import __version__
-from sparse_coord_ros.core.engine.improve import improve
+from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.memory import taught
@@ -77,7 +76,6 @@ class Recording:
         finish: whether the recorder closes the bag.
         chunk: bytes of a chunk; None: the writer's.
         failing: (robot, step) of moves after which a body is somewhere else.
-        alone: robots that plan on nothing, as a peer did not say what it has learned.
         patient: whether robots that wait for an answer as the run is stopped do not act.
     """
 
@@ -95,7 +93,6 @@ class Recording:
         finish=True,
         patient=False,
         chunk=None,
-        alone=(),
         failing=(),
     ):
         self.bag = BagWriter(
@@ -108,7 +105,6 @@ class Recording:
         self.deaf = set(deaf)
         self.resets = set(resets)
         self.patient = patient
-        self.alone = alone
         self.failing = set(failing)
         self.late = set(late)
         self.held = {}
@@ -123,7 +119,7 @@ class Recording:
         text = run.to_yaml()
         record = {
             **run.record(),
-            wire.FORMAT_KEY: str(wire.BAG_FORMAT),
+            wire.FORMAT_KEY: str(FORMAT),
         }
         self.bag.add_metadata("sparse_coord_ros", record)
         for name, content in bag_files(run, text).items():
@@ -168,8 +164,6 @@ class Recording:
         self.world.start()
         self.go(stop)
         self.say("finished" if self.world.finished else "stopped")
-        if run.improve and self.world.finished:
-            self.plan()
         for k, robot in enumerate(self.robots):
             self.attach(k, robot.handled)
         if finish:
@@ -271,18 +265,6 @@ class Recording:
         self.bag.attach(
             f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now
         )
-
-    def plan(self):
-        """Attach what the robots make of what they have learned; the silent ones keep theirs."""
-        scenario = self.run.scenario
-        rule = self.run.rule
-        found = improve(scenario, rule, [robot.agent.memory() for robot in self.robots])
-        for k, robot in enumerate(self.robots):
-            tables = robot.agent.tables if k in self.alone else found.tables[k]
-            data = pack_tables({k + 1: tables.memory}, counts=robot.counts)
-            self.bag.attach(
-                f"improved/{self.names[k]}.npz", data, "application/x-npz", self.now
-            )
 
     def arrives(self, kind, k, step):
         """Whether a message arrives."""

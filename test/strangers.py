@@ -221,7 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         node = rclpy.create_node("stranger", context=context)
         if options.lie:
             lie(node, options.lie)
-            spin_nodes([node], "events", context, lambda: bool(stop))
+            spin_nodes([node], context, lambda: bool(stop))
         else:
             visitor = Visitor(node, ("robot_1", "robot_2"), options.seed)
             while not stop and time.monotonic() < end:

@@ -4,11 +4,9 @@
 
 import sys
 import webbrowser
-from types import SimpleNamespace
 
 import pytest
 
-from sparse_coord_ros.cli import page
 from tools import demo
 
 SEEN = {"DISPLAY": ":0"}
@@ -64,28 +62,5 @@ def test_at_a_terminal_the_demo_opens_the_page_and_ends_with_it(started, monkeyp
     demo.main()
     [[program, *words]] = started
     assert program.endswith("sparse_coord")
-    opens = ["--port", "0", "--browser", "--until-closed"]
+    opens = ["--port", "0", "--browser"]
     assert words == ["watch", "runs/a", "runs/b", *opens]
-
-
-def test_a_source_plays_until_its_page_was_closed(monkeypatch):
-    clock = SimpleNamespace(now=0.0)
-    monkeypatch.setattr(page, "time", SimpleNamespace(monotonic=lambda: clock.now))
-    server = SimpleNamespace(page=SimpleNamespace(pages=0))
-    until_closed = SimpleNamespace(until_closed=True)
-    over = page.ending(until_closed, server)
-    late = page.ending(until_closed, server)
-
-    def at(now, pages):
-        clock.now = now
-        server.page.pages = pages
-        return over()
-
-    assert not at(page.OPENING_SECONDS - 1, pages=0)
-    assert not at(page.OPENING_SECONDS, pages=1)
-    assert not at(500.0, pages=1)
-    assert not at(500.0 + page.CLOSING_SECONDS - 1, pages=0), "it is loaded anew"
-    assert not at(503.0, pages=1)
-    assert at(503.0 + page.CLOSING_SECONDS, pages=0)
-    assert late(), "no page was opened"
-    assert not page.ending(SimpleNamespace(until_closed=False), server)()

@@ -14,13 +14,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sparse_coord_ros.base import npz
-from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.scenario import scenario_names
-from sparse_coord_ros.core.runs import run_config
-from sparse_coord_ros.core.solve import asking_search
-from sparse_coord_ros.protocol.wire import BAG_FORMAT
-from sparse_coord_ros.studies.checked_json import RESULTS_FORMAT
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -30,7 +25,6 @@ verify run
 explain run --step 3
 train env1 --steps 2000 --out trained
 plot trained --out trained.png
-report trained --no-baselines --out trained.html
 maps env1
 doctor
 """
@@ -45,15 +39,17 @@ def test_one_version_and_one_licence():
         )
     )
     said = [setup, citation, {key: package.findtext(key) for key in setup}]
-    assert [one["version"] for one in said] == [__version__] * 3
+    whole = __version__.partition(".dev")[0]  # package.xml allows three numbers only
+    assert [one["version"] for one in said] == [__version__, __version__, whole]
     assert [one["license"] for one in said] == ["Apache-2.0"] * 3
     assert "Apache License\n" in (ROOT / "LICENSE").read_text()
     page = (ROOT / "docs/installation.md").read_text()
-    assert re.findall(r"sparse_coord_ros-([\d.]+)-py3", page) == [__version__]
+    assert re.findall(r"sparse_coord_ros-([\d.dev]+)-py3", page) == [__version__]
     released = re.findall(
         r"^## \[(\d.*)\] - (.*)$", (ROOT / "CHANGELOG.md").read_text(), re.M
     )
-    assert (__version__, str(citation["date-released"])) == released[0]
+    if whole == __version__:
+        assert (__version__, str(citation["date-released"])) == released[0]
 
 
 def test_rosdep_gets_what_it_asks_for():
@@ -76,20 +72,9 @@ def test_rosdep_gets_what_it_asks_for():
     assert {one for one in with_hyphen if not of_apt.match(one[0])} == {*said}
 
 
-def test_the_formats_numbers_are_said():
-    """A number goes up where what the file holds changes; docs/formats.md says which it is."""
-    text = (ROOT / "docs/formats.md").read_text()
-    said = re.findall(
-        r"^\| (run\.yaml|tables\.npz|bag|results|search) ?[^|]*\| (\d) \|", text, re.M
-    )
-    numbers = (
-        run_config.RUN_FORMAT,
-        npz.NPZ_FORMAT,
-        BAG_FORMAT,
-        RESULTS_FORMAT,
-        asking_search.SEARCH_FORMAT,
-    )
-    assert [int(number) for _, number in said] == list(numbers)
+def test_the_formats_number_is_said():
+    said = re.findall(r"This is format (\d+)\.", (ROOT / "docs/formats.md").read_text())
+    assert said == [str(FORMAT)]
 
 
 def python(version):
@@ -164,9 +149,6 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     assert output(command, "--version").split()[1] == __version__
     for line in VERBS.splitlines():
         output(command, *line.split())
-    robot = [own / "bin/python", "-m", "sparse_coord_ros.executables", "robot"]
-    named = ["--ros-args", "-r", "__node:=robot_1", "-p", "out:=checked"]
-    output(command, "conformance", "--checkpoints", "--", *robot, *named)
     watch = [command, "watch", "run", "--port", "0"]
     with subprocess.Popen(
         watch, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True

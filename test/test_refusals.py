@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from floor_plans import write_grid
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import MapError
-from sparse_coord_ros.base.limits import Limit
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.core.game.grid import parse_map
+from sparse_coord_ros.core.game.grid import load_map, parse_map
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 
@@ -67,7 +67,7 @@ def run_files(text):
 
 def yaml_texts(text):
     """A text of YAML, whatever it is for."""
-    parse_yaml(text, where="here", limit=Limit("a test", 1000, 40), error=MapError)
+    parse_yaml(text, where="here", error=MapError)
 
 
 def calls(code):
@@ -123,7 +123,7 @@ def place(tmp_path_factory):
 def make_place():
     """Write the files that commands of the table name."""
     sc.train(ENV1.with_settings(steps=300)).save("a")
-    assert sparse_coord(["export-map", "env1", "--out", "e"]) == 0
+    write_grid(load_map("env1"), Path("e"))
 
 
 def files(folder):

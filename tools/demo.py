@@ -4,8 +4,8 @@
 
 python -m tools.demo RUN RUN
 
-Where a person sits at a terminal beside a browser, the page opens; closing it, or Ctrl-C, ends the
-demo. Elsewhere, as in a pipeline, one line is printed.
+Where a person sits at a terminal beside a browser, the page opens; Ctrl-C ends the demo.
+Elsewhere, as in a pipeline, one line is printed.
 """
 
 import argparse
@@ -48,8 +48,8 @@ def main() -> None:
         command = shlex.join([os.path.relpath(program), "watch", *runs, "--browser"])
         print(f"watch both in the browser, by one clock: {command}")
         return
-    print("both in the browser, by one clock; close the page, or press Ctrl-C, to end")
-    options = ["--port", "0", "--browser", "--until-closed"]
+    print("both in the browser, by one clock; Ctrl-C ends")
+    options = ["--port", "0", "--browser"]
     with suppress(KeyboardInterrupt):
         subprocess.run([program, "watch", *runs, *options], check=True)
 

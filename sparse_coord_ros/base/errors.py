@@ -13,6 +13,8 @@ import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+from sparse_coord_ros.base.version import FORMAT
+
 EXIT_BAD_INPUT = 2
 """Exit code of every executable that stops because of bad input."""
 
@@ -228,14 +230,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {names[near[0]]!r}?)" if near else ""
 
 
-def check_format(
-    found: object, known: int, where: str, error: type[SparseCoordError]
-) -> None:
+def check_format(found: object, where: str, error: type[SparseCoordError]) -> None:
     """Raise an `error` unless a file's format is the one that this version reads."""
-    if type(found) is not int or found != known:
-        newer = isinstance(found, int) and found > known
+    if type(found) is not int or found != FORMAT:
+        newer = isinstance(found, int) and found > FORMAT
         remedy = "update sparse_coord_ros" if newer else "make it anew"
-        what = f"is in format {in_short(found)}, this version reads format {known}"
+        what = f"is in format {in_short(found)}, this version reads format {FORMAT}"
         raise error(f"{where}: {what}; {remedy}")
 
 

@@ -28,6 +28,31 @@ PARTIAL = ".partial"
 """The end of the name of a file that is being written."""
 
 
+def read_file(path: Path, error: type[SparseCoordError], remedy: str) -> bytes:
+    """Return the bytes of a file.
+
+    Args:
+        path: the file.
+        error: the class to raise.
+        remedy: the remedy in the error text.
+
+    Raises:
+        SparseCoordError: an `error`: it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as failure:
+        raise error(f"{path}: cannot be read ({failure.strerror}); {remedy}") from None
+
+
+def read_text(path: Path, error: type[SparseCoordError], remedy: str) -> str:
+    """Return the text of a file in UTF-8; arguments and errors as in `read_file`."""
+    try:
+        return read_file(path, error, remedy).decode().replace("\r\n", "\n")
+    except UnicodeDecodeError as failure:
+        raise error(f"{path}: is no UTF-8 text ({failure.reason}); {remedy}") from None
+
+
 def path_argument(
     name: str,
     value: object,

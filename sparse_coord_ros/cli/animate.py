@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import JSON, SEED, Option, note
+from sparse_coord_ros.cli.options import ALLOW, JSON, SEED, Option, note
 from sparse_coord_ros.core.game.settings import Setting
 
 KINDS = (".gif",)
@@ -32,6 +32,7 @@ OPTIONS = (
     Option("--seed", SEED, "seed of new episodes (--greedy)"),
     RATE,
     pictures.out_option(KINDS),
+    ALLOW,
     JSON,
 )
 

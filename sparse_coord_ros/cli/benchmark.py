@@ -44,6 +44,7 @@ OPTIONS = (
         "results directory; existing results are kept and not computed again",
     ),
     *COMPUTING,
+    shared.ALLOW,
     shared.JSON,
 )
 

@@ -8,7 +8,15 @@ from pathlib import Path
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.computing import Bar
-from sparse_coord_ros.cli.options import JSON, SEED, Option, changes, format_table, tell
+from sparse_coord_ros.cli.options import (
+    ALLOW,
+    JSON,
+    SEED,
+    Option,
+    changes,
+    format_table,
+    tell,
+)
 from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
@@ -64,6 +72,7 @@ OPTIONS = (
         Path,
         "draw the paths of the first episodes on the map, into this picture",
     ),
+    ALLOW,
     JSON,
 )
 

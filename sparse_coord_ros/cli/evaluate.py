@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
+    ALLOW,
     JSON,
     SEED,
     Option,
@@ -33,6 +34,7 @@ from sparse_coord_ros.core.runs.evaluation import (
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import shipped
+from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import GAME_SETTINGS
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
@@ -66,6 +68,7 @@ OPTIONS = (
         "--exact", bool, "compute exact values instead of trials (one or two robots)"
     ),
     Option("--seed", SEED, "seed of the trials"),
+    ALLOW,
     JSON,
 )
 
@@ -172,6 +175,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         "steps": scenario.steps,
         **one.result.to_dict(),
         "paper": paper_row(one.run),
+        "shortest_paths": shortest_path_reference(scenario),
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
         "best_asking_team": None if bound is None else bound.value,
@@ -220,6 +224,15 @@ def result_table(found: Sequence[Evaluated]) -> str:
                 for pair in pairs
             ]
             rows.append([f"{title}, paper", *cells, "-", "-"])
+    paths = shortest_path_reference(scenario)
+    measures_of_paths = [
+        paths.measure_in_words("returns"),
+        paths.measure_in_words("time_to_goal"),
+        paths.measure_in_words("miscoordinations"),
+    ]
+    rows.append(
+        ["fixed shortest paths", *measures_of_paths, "0.00", percent(paths.all_arrived)]
+    )
     for name, value in shipped.yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
     head = ["return", "time to goal", "miscoordinations", "asks", "all arrived"]

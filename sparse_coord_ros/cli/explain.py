@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from sparse_coord_ros.base.errors import RunError, did_you_mean
-from sparse_coord_ros.cli.options import BAG, JSON, Option, note, tell
+from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, Option, note, tell
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.game.settings import Setting
 
@@ -23,7 +23,7 @@ STEP = Setting(
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
 
-OPTIONS = (BAG, STEP, Option("--robot NAME", None, "only this robot"), JSON)
+OPTIONS = (BAG, STEP, Option("--robot NAME", None, "only this robot"), ALLOW, JSON)
 
 
 def execute(options: argparse.Namespace) -> None:

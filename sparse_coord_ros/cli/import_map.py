@@ -28,8 +28,7 @@ from sparse_coord_ros.cli.options import (
 )
 from sparse_coord_ros.core.game.grid import FURTHEST
 from sparse_coord_ros.core.game.scenario import SETTINGS
-from sparse_coord_ros.core.game.settings import Setting, parse_assignments
-from sparse_coord_ros.lab.maps.gridding import SPECK
+from sparse_coord_ros.core.game.settings import parse_assignments
 from sparse_coord_ros.lab.maps.image import read_floor_plan
 from sparse_coord_ros.lab.maps.meeting import Prospect, prospect_of
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS
@@ -37,20 +36,9 @@ from sparse_coord_ros.lab.maps.plan import Place
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
-
-SPECK_SIZE = Setting(
-    "speck", float, SPECK, "spots up to this size, in metres, are noise; 0: none", 0, 10
-)
-CORRIDOR = (
-    "longest doorway, in metres; anything longer is a corridor "
-    "(default: from cell and radius)"
-)
-DOORWAY_LENGTH = Setting("doorway-length", float, None, CORRIDOR, 0, 1000)
-
 EXAMPLE = (
-    "sparse_coord export-map env1 --out env1_map && sparse_coord import-map "
-    "env1_map/env1.yaml --cell 1 --radius 0.1 --start 0.5,4.5 4.5,4.5 --goal 4.5,0.5 0.5,0.5 "
-    "--out imported"
+    "sparse_coord import-map examples/office.yaml --cell 0.5 --radius 0.2 "
+    "--start -8,-5 8,5 --goal 8,5 -8,-5 --out office"
 )
 
 
@@ -94,8 +82,6 @@ OPTIONS = (
         "mark the cells of corridors one cell wide as doorways, and set interactions to "
         f"{IN_CORRIDORS}: one robot at a time in each cell",
     ),
-    Option("--doorway-length", DOORWAY_LENGTH.parse, DOORWAY_LENGTH.help),
-    SPECK_SIZE,
     changes("change a scenario setting (default: suggested from the map's distances)"),
     Option("--out", Path, "output directory (default: <name>_map)"),
     Option("--replace", bool, "overwrite the output of an earlier import-map"),

@@ -21,15 +21,7 @@ RADIUS = Setting(
     "radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100
 )
 
-MAP_OPTIONS = (
-    "cell",
-    "radius",
-    "doorway",
-    "no_doorway",
-    "corridors",
-    "doorway_length",
-    "speck",
-)
+MAP_OPTIONS = ("cell", "radius", "doorway", "no_doorway", "corridors")
 """The options of which a map is made."""
 
 DPI = 150

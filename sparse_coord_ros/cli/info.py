@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from sparse_coord_ros.base.errors import in_line
+from sparse_coord_ros.base.errors import SparseCoordError, in_line
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.runs.repeating import repeating_command
 from sparse_coord_ros.core.runs.run_config import RUN_RECORD
 from sparse_coord_ros.log.bags.gaps import gap_lines
 from sparse_coord_ros.log.bags.topics import latched
@@ -49,6 +50,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "versions": {
             name.removeprefix("version_"): said for name, said in versions.items()
         },
+        "repeat": _command(bag),
         "start_seconds": bag.start_ns / 1e9,
         "duration_seconds": (bag.end_ns - bag.start_ns) / 1e9,
         "messages": bag.message_count,
@@ -70,6 +72,16 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
     }
 
 
+def _command(bag) -> str | None:
+    """Return the command that repeats the bag's run; None: none can, or no run is known."""
+    from sparse_coord_ros.log.runlog.bag_run import find_run
+
+    try:
+        return repeating_command(find_run(bag).run)
+    except SparseCoordError:
+        return None
+
+
 def _lines(found: dict[str, Any]) -> Iterator[str]:
     yield f"{found['file']}: {found['bytes']} bytes, {_state(found)}"
     if len(found["files"]) > 1:
@@ -81,6 +93,8 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
         if found[what]:
             said = ", ".join(f"{name} {value}" for name, value in found[what].items())
             yield in_line(f"{what}: {said}")
+    if found["repeat"] is not None:
+        yield in_line(f"repeat it: {found['repeat']}")
     yield (
         f"{found['messages']} messages in {found['duration_seconds']:.1f} s of simulated time, "
         f"chunks {', '.join(found['compression']) or 'none'}\n"

@@ -24,7 +24,7 @@ EPILOG = """\
 
 exit codes:
   0    done
-  1    check failed (verify, recover, doctor, conformance, halt)
+  1    check failed (verify, recover, doctor)
   2    bad input; one line says what to change
   3    undecided (verify, where a part of the log is missing)
   130  interrupted
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = make_parser(verb).parse_args(arguments)
         from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 
-        allow_modules(options.allow)
+        allow_modules(getattr(options, "allow", ()))
         allow_named(getattr(options, "learner", None))  # --set does so itself
         with nullcontext() if verb in LIVE else _terminated_like_interrupted():
             return options.execute(options) or 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import (
+    ALLOW,
     JSON,
     SEED,
     Option,
@@ -73,6 +74,7 @@ OPTIONS = (
         Path,
         "with --class: JSON file that stores the search; an existing one is continued",
     ),
+    ALLOW,
     JSON,
 )
 

@@ -28,7 +28,7 @@ from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
-    *("checkpoint", "tables", "greedy", "improve", "no_record"),
+    *("checkpoint", "tables", "greedy", "no_record"),
 )
 """Options that a resumed run has already, by their names in the namespace."""
 
@@ -148,6 +148,14 @@ def _path(text: str) -> Path:
 
 
 BAG = Option("bag BAG", _bag, "a run or bag directory, or a bag file")
+ALLOW = Option(
+    "--allow MODULE",
+    None,
+    "allow this Python module to be imported when a file refers to it; may be repeated",
+    {"action": "append", "default": []},
+)
+"""Of each verb that may need code that a file names."""
+
 JSON = Option("--json", bool, "print the result as JSON")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (

@@ -23,12 +23,6 @@ if TYPE_CHECKING:
 
 Team = TypeVar("Team")
 
-OPENING_SECONDS = 60.0
-"""A browser opens a page within this time."""
-
-CLOSING_SECONDS = 3.0
-"""A reloaded page opens again within this time."""
-
 
 @contextmanager
 def served(
@@ -61,35 +55,6 @@ def announce(server: "Server", options: argparse.Namespace) -> None:
     note(f"watch it at {server.address}")
     if options.browser and not webbrowser.open(server.address):
         note("no browser was found: open that address in one")
-
-
-def ending(options: argparse.Namespace, server: "Server") -> Callable[[], bool]:
-    """Return what says whether a source is to play no longer: never, or once its page was closed.
-
-    Args:
-        options: of the verb.
-        server: of the page.
-    """
-    return Closing(server).is_over if options.until_closed else bool
-
-
-class Closing:
-    """Detects that all pages of a server are closed, or that no page was opened.
-
-    Args:
-        server: of the pages.
-    """
-
-    def __init__(self, server: "Server") -> None:
-        self._server = server
-        self._deadline = time.monotonic() + OPENING_SECONDS
-
-    def is_over(self) -> bool:
-        """Return whether no page has been open for so long that none will come."""
-        now = time.monotonic()
-        if self._server.page.pages:
-            self._deadline = now + CLOSING_SECONDS
-        return now >= self._deadline
 
 
 class RunChoice(Controlled):

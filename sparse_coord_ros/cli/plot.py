@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.options import JSON, Option, note
+from sparse_coord_ros.cli.options import ALLOW, JSON, Option, note
 from sparse_coord_ros.core.game.settings import Setting
 
 DPI = Setting(
@@ -25,15 +25,15 @@ OPTIONS = (
     Option(
         "--what",
         None,
-        "plots of a run: policy, asks (where robots ask), sparsity (of Q^C), curves (of "
-        "learning), coordination (its curves of miscoordinations and questions), length (its "
-        "curve of the episodes' lengths), percepts (how questions ended; needs a bag); several "
-        "with commas between; a plot of results: conditions, asks, or the name of an experiment "
-        "(default: conditions of results; of runs all that they have, curves in place of "
-        "coordination and length)",
+        "plots of a run: policy, asks (where robots ask), curves (of learning), coordination "
+        "(its curves of miscoordinations and questions), length (its curve of the episodes' "
+        "lengths); several with commas between; a plot of results: conditions, asks, or the name "
+        "of an experiment (default: conditions of results; of runs all that they have, curves in "
+        "place of coordination and length)",
     ),
     DPI,
     pictures.out_option(pictures.KINDS),
+    ALLOW,
     JSON,
 )
 

@@ -9,7 +9,15 @@ from pathlib import Path
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
-from sparse_coord_ros.cli.options import JSON, SEED, Option, format_table, note, tell
+from sparse_coord_ros.cli.options import (
+    ALLOW,
+    JSON,
+    SEED,
+    Option,
+    format_table,
+    note,
+    tell,
+)
 from sparse_coord_ros.core.runs.evaluation import summary
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.studies.catalogue import NAMES
@@ -41,6 +49,7 @@ OPTIONS = (
     Option("--seed", SEED, "seed of run 0; run i has seed + i"),
     *COMPUTING,
     Option("--list", bool, "list the conditions, compute nothing"),
+    ALLOW,
     JSON,
 )
 

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of
-from sparse_coord_ros.cli.improve import IMPROVE
-from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import last_word
@@ -21,8 +19,6 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
-
-OF_THE_BAG = ("compression", "max_bagfile_size", "max_bagfile_duration")
 
 VERDICT_TRIALS = 200
 """Trials of the verdict, if it cannot be computed exactly."""
@@ -37,7 +33,6 @@ OPTIONS = (
         "continue an interrupted run from its last common checkpoint; DIR is its output "
         "directory; replaces SCENARIO"
     ),
-    shared.Option("--executor", ("events", "single"), "executor of the nodes"),
     shared.Option("--processes", bool, "start each node in its own process"),
     shared.Option(
         "--rate HZ",
@@ -45,15 +40,6 @@ OPTIONS = (
         "limit the speed to this many time steps a second (default: no limit)",
     ),
     shared.Option("--no-record", bool, "do not record a bag"),
-    shared.Option("--compression", ("zstd", "lz4", "none"), "compression of the bag"),
-    shared.Option(
-        "--max-bagfile-size BYTES", None, "start a new bag file after this many bytes"
-    ),
-    shared.Option(
-        "--max-bagfile-duration SECONDS",
-        None,
-        "start a new bag file after this many simulated seconds",
-    ),
     shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"],
@@ -63,8 +49,8 @@ OPTIONS = (
     ),
     shared.Option("--tables DIR", None, "start from the tables of this run directory"),
     shared.Option("--greedy", bool, "act greedily on --tables, without learning"),
-    IMPROVE,
     *shared.WATCH,
+    shared.ALLOW,
     shared.JSON,
 )
 
@@ -116,21 +102,13 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     """Return a team's output directory and its parameters."""
     from sparse_coord_ros.ros.nodes.parameters import TEAM_PARAMETERS
 
-    names = [
-        "executor",
-        "rate",
-        "compression",
-        "max_bagfile_size",
-        "max_bagfile_duration",
-    ]
+    names = ["rate"]
     if options.resume is not None:
         shared.nothing_else_given(options)
         out = options.resume
         values = {"resume": True, "scenario": "", "set": [""]}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
-        if options.no_record:
-            shared.refused_with(options, "--no-record", OF_THE_BAG)
         if options.greedy and not options.tables:
             raise RunError(
                 "--greedy needs --tables DIR, the output directory of a run to act on"
@@ -141,7 +119,6 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
             "learner",
             "tables",
             "greedy",
-            "improve",
             "checkpoint",
         ]
         changed = [
@@ -178,12 +155,9 @@ def _lines(
 ) -> Iterator[str]:
     yield from _counted(options, summary)
     saved = (out / TEAM_FILE).exists()
-    plan = out / IMPROVED
     interrupted = summary["interrupted"]
     if saved:
         yield f"tables  {out / TEAM_FILE}"
-    if (plan / TEAM_FILE).exists():
-        yield f"plan    {plan}"
     yield f"run     {out / 'run.yaml'}"
     if (interrupted or saved) and (out / CHECKPOINTS).is_dir():
         yield f"not finished; continue with: sparse_coord run --resume {out}"
@@ -192,8 +166,6 @@ def _lines(
     silent = interrupted or options.greedy or options.watch or options.json
     if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
-        tables = load_team(
-            plan if (plan / TEAM_FILE).exists() else out, run.scenario, run.rule
-        )
+        tables = load_team(out, run.scenario, run.rule)
         found = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
         yield last_word(run.scenario, run.rule, found).text

@@ -29,7 +29,7 @@ wrap = partial(
 GROUPS = ("scenario", "questions", "protocol", "run", "drive", "learners")
 """Groups that exist also without ROS 2."""
 
-EXAMPLE = "sparse_coord settings\n  sparse_coord settings link starts"
+EXAMPLE = "sparse_coord settings\n  sparse_coord settings perception starts"
 
 
 class Described(NamedTuple):

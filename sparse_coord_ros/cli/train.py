@@ -16,7 +16,6 @@ from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPILING, Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
-from sparse_coord_ros.cli.improve import IMPROVE, planned
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, prepare
 from sparse_coord_ros.core.engine.trained import Training
@@ -88,8 +87,8 @@ OPTIONS = (
         "evaluation)",
         {"default": None},
     ),
-    IMPROVE,
     *shared.WATCH,
+    shared.ALLOW,
     shared.JSON,
 )
 
@@ -113,9 +112,7 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     out = options.resume
     if out is None:
         scenario = shared.scenario_of(options)
-        chosen = {
-            name: getattr(options, name) for name in ("seed", "learner", "improve")
-        }
+        chosen = {"seed": options.seed, "learner": options.learner}
         run = make_run(scenario, chosen)
         return shared.output_directory(options, scenario.name), run
     shared.nothing_else_given(options)
@@ -263,7 +260,7 @@ def _save(out: Path, done: Training) -> None:
 def _say(
     options: argparse.Namespace, out: Path, run: RunConfig, done: Training
 ) -> None:
-    """Print the results of learning, their place, and the results of planning."""
+    """Print the results of learning, and their place."""
     scenario = run.scenario
     trials = options.trials
     lines = []
@@ -271,7 +268,6 @@ def _say(
     facts |= {"engine": done.engine, "episodes": done.history.episodes}
     expected = advice(scenario)
     facts["advice"] = expected
-    plan, text = planned(out, run, done.tables) if run.improve else ({}, "")
     if trials != 0:
         exact = None if trials is None else False
         result = evaluation_of(
@@ -298,9 +294,6 @@ def _say(
             {"steps": n, **e.to_dict()} for n, e in done.evaluations
         ]
         lines.append(f"on the way  {out / EVALUATIONS_FILE}")
-    if run.improve:
-        facts["improved"] = plan
-        lines += ["", text]
     shared.tell(options, facts, *lines)
 
 

@@ -14,7 +14,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "learn": {
         "train": "train a team without ROS; gives the same tables as run",
         "run": "train a team live over ROS 2 nodes, and record it to MCAP",
-        "improve": "let robots share what they learned once, then plan together",
         "settings": "list all settings with defaults and allowed values",
         "doctor": "check the installation and suggest fixes",
     },
@@ -26,7 +25,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     },
     "look at runs": {
         "watch": "show live or recorded runs on a page in the browser",
-        "report": "write an HTML report of a run or of results",
         "plot": "plot policies, questions, learning curves or results",
         "animate": "record an episode as an animated GIF",
     },
@@ -41,19 +39,16 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "maps": {
         "maps": "list the maps, or show one",
         "import-map": "turn a map_server map into a map and a scenario",
-        "export-map": "write a map in the format of map_server",
     },
     "robots": {
         "drive": "drive a learned team in a simulation with metres and seconds",
-        "halt": "stop all robots of a team, or let them continue",
-        "conformance": "check whether your robot node follows the interface",
     },
 }
 """Every verb with its description, in groups; its module is imported if it is chosen."""
 
 VERBS = {name: text for group in GROUPS.values() for name, text in group.items()}
 
-LIVE = ("run", "replay", "halt", "conformance")
+LIVE = ("run", "replay")
 """Verbs that run ROS nodes, which handle signals by themselves."""
 
 
@@ -107,8 +102,4 @@ def add_verb(verbs: Any, name: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_options(parser, module.OPTIONS)
-    what = "allow this Python module to be imported when a file refers to it; may be repeated"
-    parser.add_argument(
-        "--allow", metavar="MODULE", action="append", default=[], help=what
-    )
     parser.set_defaults(execute=module.execute, parser=parser)

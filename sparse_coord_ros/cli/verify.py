@@ -5,7 +5,7 @@
 import argparse
 from collections.abc import Iterator
 
-from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
+from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, Option, tell
 
 SHOWN = 10
 UNDECIDED = 3
@@ -23,6 +23,7 @@ EXAMPLE = "sparse_coord verify runs/demo/bag"
 OPTIONS = (
     BAG,
     Option("--all", bool, f"print all differences, not the first {SHOWN}"),
+    ALLOW,
     JSON,
 )
 

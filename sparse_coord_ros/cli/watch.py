@@ -7,8 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.cli.options import PAGE, Option, allowed_with, ros_needed
-from sparse_coord_ros.cli.page import ending, served
+from sparse_coord_ros.cli.options import ALLOW, PAGE, Option, allowed_with, ros_needed
+from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.core.game.settings import Setting
 
 RATE = Setting(
@@ -40,11 +40,7 @@ OPTIONS = (
         "start a bag at this time step (default: at the end, with what was learned)",
         {"default": None},
     ),
-    Option(
-        "--until-closed",
-        bool,
-        "with BAG: end when the page is closed in the browser",
-    ),
+    ALLOW,
     *PAGE,
 )
 
@@ -52,7 +48,7 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int | None:
     """Run the verb."""
     if not options.bags:
-        allowed_with(options, "BAG", ("rate", "step", "until_closed"))
+        allowed_with(options, "BAG", ("rate", "step"))
         return _live(options)
     from sparse_coord_ros.show.page.bag_source import BagSource
     from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -68,11 +64,8 @@ def execute(options: argparse.Namespace) -> int | None:
         source = BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
     else:
         source = TrainedView(open_run(path), MessageBoard())
-    with served(options, source.board) as server, suppress(KeyboardInterrupt):
-        if isinstance(source, BagSource):
-            source.play(ending(options, server))
-        else:
-            source.play()
+    with served(options, source.board), suppress(KeyboardInterrupt):
+        source.play()
     return None
 
 
@@ -95,10 +88,10 @@ def _compare(options: argparse.Namespace) -> None:
         comparison.show_step(options.step)
     boards = [one.board for one in sources]
     with (
-        served(options, *boards, comparison.board, index="compare.html") as server,
+        served(options, *boards, comparison.board, index="compare.html"),
         suppress(KeyboardInterrupt),
     ):
-        comparison.play(ending(options, server))
+        comparison.play()
 
 
 def _live(options: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@
 
 A time step is one `step`, or two if a robot chooses COORDINATE. In the first half no robot moves:
 the robots that asked observe their answers. In the second half they choose their moves, and the
-other robots repeat their choice, the only action that their mask allows. World, draws, links, the
+other robots repeat their choice, the only action that their mask allows. World, draws, the
 drawn peer and the perception model are those of `core`: the same seed and the same choices give
 the same states, answers and rewards.
 """

@@ -31,7 +31,7 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import PACKAGE
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
@@ -45,7 +45,7 @@ from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
 from sparse_coord_ros.show.layouts import foxglove_layout, rviz_config
 
 _WORLD = PARAMETERS[WORLD]
-OF_WORLD = ("seed", "learner", "greedy", "improve", "tables", "rate")
+OF_WORLD = ("seed", "learner", "greedy", "tables", "rate")
 ARGUMENTS = SettingTable(
     [
         Setting(
@@ -427,7 +427,7 @@ def _of_world(file: str) -> dict[str, Any]:
     said: dict[str, Any] = {}
     if file:
         remedy = "give params_file a ROS parameter file"
-        text = read_text(Path(file), SCENARIO, SettingError, remedy)
+        text = read_text(Path(file), SettingError, remedy)
         for node, section in parse_yaml(text, where=file, error=SettingError).items():
             if str(node).rpartition("/")[2] in (WORLD, "*", "**") and isinstance(
                 section, dict

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of runs: policies, ask maps, learning curves, values of Q^C, outcomes of percepts."""
+"""Pictures of runs: policies, maps of questions, learning curves."""
 
 import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,16 +19,12 @@ from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
 
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
-from sparse_coord_ros.base.palette import OUTCOME_COLOURS, robot_colour
-from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.base.palette import robot_colour
 from sparse_coord_ros.core.game.actions import DIRECTIONS
-from sparse_coord_ros.core.learners.factored import Factored
-from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.show.charts import embedded
 from sparse_coord_ros.show.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
-from sparse_coord_ros.show.steps import ended
 
 LINE_WIDTH = 11.0
 """Greatest width of a line of panels, in inches."""
@@ -82,12 +78,8 @@ LINES = (
 )
 """What tells lines apart beside colour."""
 
-HATCHES = {"answered": "", "refused": "////", "failed": "xx"}
-"""What tells outcomes apart beside colour."""
-
 CURVES: Mapping[str, str] = {
     "length": "steps of an episode",
-    "returns": "return of a robot\n(undiscounted)",
     "miscoordinations": "miscoordinations\nof an episode",
     "asks": "questions of a robot\nin an episode",
 }
@@ -100,7 +92,7 @@ SOME_CURVES: Mapping[str, Sequence[str]] = {
 }
 """The learning curves of each name."""
 
-WHATS = ("policy", "asks", "sparsity", "curves", "percepts", "coordination", "length")
+WHATS = ("policy", "asks", "curves", "coordination", "length")
 """The figures of a run."""
 
 
@@ -174,9 +166,7 @@ def available(shown: OpenedRun) -> list[str]:
     there = {
         "policy": learned,
         "asks": asking and shown.played is not None,
-        "sparsity": asking and shown.config.known_rule is not None,
         "curves": shown.has("history"),
-        "percepts": shown.bag is not None and shown.log.asked.any(),
     }
     return [what for what, is_there in there.items() if is_there]
 
@@ -234,12 +224,8 @@ def _groups(what: str, runs: Sequence[OpenedRun]) -> Iterator[list[Panel]]:
     for shown, label in zip(runs, labels, strict=True):
         if what == "policy":
             yield list(_policy(shown, label))
-        elif what == "asks":
-            yield list(_asks(shown, label, most_asked))
-        elif what == "sparsity":
-            yield list(_sparsity(shown, label))
         else:
-            yield list(_percepts(shown, label))
+            yield list(_asks(shown, label, most_asked))
 
 
 def _balanced(groups: Sequence[list[Panel]]) -> list[list[Panel]]:
@@ -486,30 +472,6 @@ def _asks(shown: OpenedRun, label: str, most: float) -> Iterator[Panel]:
     return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", most)
 
 
-def _sparsity(shown: OpenedRun, label: str) -> Iterator[Panel]:
-    rule = shown.config.rule
-    scenario = shown.config.scenario
-    learned = [rule.learned_rows(scenario, one.memory) for one in shown.tables]
-    counts = np.array(learned, dtype=np.float64)
-    possible = rule.rows_of_a_cell(scenario) * len(scenario.map.cells)
-    named = zip(_names(shown), counts, strict=True)
-    titles = [
-        f"$Q^C$ of {name}, {percent(own.sum() / possible)} learned"
-        for name, own in named
-    ]
-    if len(counts) > 2:
-        counts = counts.mean(axis=0, keepdims=True)
-        share = counts.sum() / possible
-        titles = [f"$Q^C$, {percent(share)} learned, mean of {len(learned)} robots"]
-    factored = isinstance(rule, Factored)
-    scale = (
-        "rows of corrections learned (four moves each)"
-        if factored
-        else "joint states learned"
-    )
-    return _shaded(shown, label, counts, titles, scale, float(counts.max()))
-
-
 # Curves.
 
 
@@ -518,11 +480,11 @@ def _draw_curve(
 ) -> None:
     """Draw a learning curve: each episode as a dot (of a single run), and running means.
 
-    Return and questions of a single run have a line for each robot.
+    Questions of a single run have a line for each robot.
     """
     lines: list[tuple[OpenedRun, int | None]] = [(shown, None) for shown in runs]
     if len(runs) == 1:
-        if name in ("returns", "asks") and len(_names(runs[0])) > 1:
+        if name == "asks" and len(_names(runs[0])) > 1:
             labels = _names(runs[0])
             lines = [(runs[0], k) for k in range(1, len(labels) + 1)]
         else:
@@ -553,34 +515,6 @@ def thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     count = min(len(steps), MOST_POINTS)
     kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
     return steps[kept], values[kept]
-
-
-def _percepts(shown: OpenedRun, label: str) -> Iterator[Panel]:
-    yield Panel(*CURVE, partial(_draw_percepts, shown.log, label), stretches=True)
-
-
-def _draw_percepts(log: RunLog, label: str, axes: Axes) -> None:
-    """Draw the number of questions over time, by their outcomes: stacked bars."""
-    first, last = log.step[[0, -1]] if len(log.step) else (0, 1)
-    ends = np.linspace(first, last, 25)
-    acted = np.histogram(np.repeat(log.step, (log.move >= 0).sum(axis=1)), ends)[0]
-    below = np.zeros(len(ends) - 1)
-    for name, found in ended(log).items():
-        if not found.any():
-            continue
-        asked = np.histogram(np.repeat(log.step, found.sum(axis=1)), ends)[0]
-        share = 100 * asked / np.maximum(acted, 1)
-        said = f"{name} ({int(found.sum())})"
-        for bar in axes.bar(
-            ends[:-1], share, np.diff(ends), below, align="edge", label=said
-        ):
-            bar.set(
-                color=OUTCOME_COLOURS[name], hatch=HATCHES[name], ec="white", lw=0.4
-            )
-        below += share
-    axes.set(xlabel="time step", ylabel="COORDINATE [% of actions]")
-    axes.set_title(f"{label}: how questions ended", fontsize=10)
-    axes.legend(fontsize=7)
 
 
 def in_html(head: str, shown: OpenedRun) -> str:

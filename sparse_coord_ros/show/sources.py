@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sources to show: a run's directory or a bag, opened into one object."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
-from sparse_coord_ros.protocol.wire import PERCEPT, ROSOUT, STATUS
+from sparse_coord_ros.protocol.wire import PERCEPT
 
 RESULTS_FILE = "results.json"
 """What a directory of `sparse_coord reproduce` has."""
@@ -86,22 +86,16 @@ class OpenedRun:
 
     @cached_property
     def log(self) -> RunLog:
-        """The run's log: states, actions, rewards and the nodes' messages, without the dialogue.
+        """The run's log: states, actions, rewards and percepts.
 
         Errors as in `recording`.
         """
         recording = self.recording
         self.say(f"reading {self.bag}")
-        log = recording.whole([*MOVES, PERCEPT, STATUS, ROSOUT])
+        log = recording.whole([*MOVES, PERCEPT])
         for loss in log.losses:
             self.say(f"lost in the bag: {loss}")
         return log
-
-    def with_requests(self, steps: Collection[int]) -> RunLog:
-        """Return the log with the dialogue of at least some time steps."""
-        read = self.recording.read
-        found = [one for step in sorted(steps) for one in read(step, step).requests]
-        return self.log.with_changes(requests=tuple(found))
 
     @cached_property
     def tables(self) -> list[Tables]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
+from sparse_coord_ros.base.palette import FAILED
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
@@ -246,17 +246,6 @@ def trails_of(
                 trail.insert(0, cell)
         trails.append(trail)
     return trails
-
-
-def ended(log: RunLog) -> dict[str, np.ndarray]:
-    """Return masks of a log's questions, shape (T, K), bool, by outcome."""
-    answered = log.asked & log.perceived
-    refused = log.asked & (log.ended == PerceptEnd.REFUSED) & ~answered
-    return {
-        ANSWERED: answered,
-        REFUSED: refused,
-        FAILED: log.asked & ~answered & ~refused,
-    }
 
 
 def logged_trails(log: RunLog, row: int) -> list[list[int]]:

@@ -17,10 +17,8 @@ from typing import Any
 
 from sparse_coord_ros.base.errors import ResultsError, check_format, in_short
 from sparse_coord_ros.base.limits import RESULTS, read_file
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.core.game.specs import in_range
-
-RESULTS_FORMAT = 4
-"""Number of the format of a results directory and its files."""
 
 LARGEST_FLOAT = sys.float_info.max
 """A whole number may be larger; as a float it would be infinite."""
@@ -49,7 +47,7 @@ def to_text(data: Mapping[str, Any]) -> str:
     Raises:
         ValueError: a number is NaN or infinite.
     """
-    content = {"format": RESULTS_FORMAT, **data}
+    content = {"format": FORMAT, **data}
     return json.dumps({"digest": digest_of(content), **content}) + "\n"
 
 
@@ -67,7 +65,7 @@ def read_checked(path: Path) -> dict[str, Any]:
         raise DamagedError(f"it is not readable as JSON ({error})") from None
     if not isinstance(content, dict) or "format" not in content:
         raise DamagedError("it does not say its format")
-    check_format(content["format"], RESULTS_FORMAT, str(path), ResultsError)
+    check_format(content["format"], str(path), ResultsError)
     said = content.pop("digest", None)
     try:
         fits = said == digest_of(content)

@@ -28,7 +28,6 @@ def here(tmp_path, monkeypatch):
         (sc.load_scenario, "scenario"),
         (sc.load_run, "run"),
         (sc.evaluate, "run"),
-        (sc.improve, "run"),
         (sc.read_log, "bag"),
         (sc.verify, "bag"),
         (lambda path: sc.run_experiment("table1", out=path), "out"),

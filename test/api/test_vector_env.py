@@ -25,10 +25,10 @@ STARTS = {"starts": "mixed:0.7", "max_steps": 25, "horizon": 30}
 CASES = [
     ("env1", {"penalty": -100, "perception": "probability:0.7"}),
     ("env1", {"perception": "line_of_sight", "interactions": "together:any_doorway"}),
-    ("pentagon", {"link": "lost:0.3", "move_success": 0.6}),
+    ("pentagon", {"perception": "probability:0.7", "move_success": 0.6}),
     ("crowd-3r", {"perception": "probability:0.6", "move_success": 0.8}),
     ("env2-4r", {"peers": "all", "perception": "range:6"}),
-    ("crowd-8r", {"peers": "all", "link": "dead:20"}),
+    ("crowd-8r", {"peers": "all", "perception": "probability:0.4"}),
     ("crowd-8r", {"perception": "probability:0.9", "penalty": -3}),
     ("env2-2r", {"interactions": "block:anywhere"}),
     ("crowd-8r", {"interactions": "together:anywhere+swap"}),
@@ -137,7 +137,7 @@ def test_half_steps_are_the_games_of_the_world(name, changed, phase):
             assert env.state()[i].tolist() == state
     assert counts["halves"] > 20 and counts["ends"] > 3
     assert counts["answers"] + counts["failures"] > 20
-    if changed.get("perception", "always").startswith("prob") or "link" in changed:
+    if changed.get("perception", "always").startswith("prob"):
         assert counts["failures"] > 3
 
 
@@ -305,7 +305,7 @@ def as_lists(value):
 @pytest.mark.parametrize("phase", ["evaluation", "learning"])
 def test_compiled_and_plain_python_agree(monkeypatch, asking, phase):
     made = {"asking": asking, "phase": phase, "autoreset": "same_step"}
-    scenario = sc.load_scenario("crowd-3r", link="bursts:0.3:0.5", **STARTS)
+    scenario = sc.load_scenario("crowd-3r", perception="probability:0.6", **STARTS)
     compiled = in_turn(sc.vector_env(scenario, 3, **made))
     monkeypatch.setattr(many_games, "has_numba", lambda: False)
     monkeypatch.setattr(many_games, "loops", lambda: many_games.PLAIN)

@@ -6,11 +6,12 @@ import json
 
 import pytest
 
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.contents import Attachment
 from sparse_coord_ros.log.bags.recover import recover
-from sparse_coord_ros.protocol.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.protocol.wire import FORMAT_KEY
 
 STRING = "std_msgs/msg/String"
 
@@ -57,7 +58,7 @@ def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
 
 def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):
     odd = "\x1b[2J\nrun: seed 7"
-    told = {FORMAT_KEY: str(BAG_FORMAT), "seed": odd, f"version_{odd}": odd}
+    told = {FORMAT_KEY: str(FORMAT), "seed": odd, f"version_{odd}": odd}
     recording.add_metadata("sparse_coord_ros", told)
     recording.attach(odd, b"", odd)
     recording.add_topic(f"/b{odd}", STRING, QoS())

@@ -124,7 +124,7 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
                     at = message.pose.position
                     assert convert.cell(at.x, at.y) == log.cells[row, k]
                 elif kind == "reward":
-                    assert list(message.position) == log.reward[row, k].tolist()
+                    assert list(message.position) == log.rewards[row, k].tolist()
                     assert message.name == list(REWARD.labels)
                 elif kind == "action":
                     assert list(message.position) == log.numbers[row, k].tolist()

@@ -6,9 +6,11 @@ import json
 import re
 
 import pytest
+from floor_plans import write_grid
 from PIL import Image
 
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.game.grid import load_map
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +46,7 @@ def test_json_beside_the_grid_and_with_other_bodies(run, capsys):
 
 
 def test_on_the_building_s_own_map(tmp_path, capsys):
-    folder = tmp_path / "door"
-    assert main(["export-map", "env1", "--resolution", "1", "--out", str(folder)]) == 0
-    plan = folder / "env1.yaml"
+    plan = write_grid(load_map("env1"), tmp_path / "door")
     places = ["--start", "0.5,4.5", "4.5,4.5", "--goal", "4.5,0.5", "0.5,0.5"]
     more = [
         "--cell",

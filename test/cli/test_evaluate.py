@@ -155,6 +155,7 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     assert [line.split("  ")[0] for line in env1.splitlines()[2:]] == [
         "Coop., exact",
         "Non-coop., exact",
+        "fixed shortest paths",
         "best asking team found",
         "exact joint optimum",
     ]

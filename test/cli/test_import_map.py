@@ -1,16 +1,16 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord import-map` and `export-map`: there and back, files, notes, and bad input."""
+"""`sparse_coord import-map`: files, notes, and bad input."""
 
 import json
 
 import numpy as np
 import pytest
-import yaml
+from floor_plans import write_grid
 from PIL import Image
 
 from sparse_coord_ros.base.share import share_file
-from sparse_coord_ros.core.game.grid import load_map
+from sparse_coord_ros.core.game.grid import load_map, parse_map
 from sparse_coord_ros.core.game.scenario import load_scenario
 
 ENV1 = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
@@ -18,16 +18,15 @@ GOALS = ("--goal", "4.5,0.5", "0.5,0.5")
 
 
 @pytest.fixture
-def exported(sparse_coord, folder):
+def plan(folder):
     """Write env1 as a map of map_server."""
-    assert sparse_coord("export-map", "env1", "--out", "e")[0] == 0
-    return folder / "e" / "env1.yaml"
+    return write_grid(load_map("env1"), folder / "e")
 
 
 @pytest.mark.parametrize("name", ["env1", "suny"])
-def test_there_and_back(sparse_coord, folder, name):
-    assert sparse_coord("export-map", name)[0] == 0
-    size = ("--cell", "1", "--radius", "0.05", "--doorway-length", "1")
+def test_walls_stay_walls(sparse_coord, folder, name):
+    write_grid(load_map(name), folder)
+    size = ("--cell", "1", "--radius", "0.05")
     code, out, err = sparse_coord("import-map", f"{name}.yaml", *size, "--out", "i")
     assert (code, err) == (0, "")
     back = load_map(str(folder / "i" / f"{name}.txt"))
@@ -37,8 +36,8 @@ def test_there_and_back(sparse_coord, folder, name):
     assert back.resolution == 1.0
 
 
-def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
-    code, out, _ = sparse_coord("import-map", exported, *ENV1, *GOALS, "--out", "i")
+def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, plan):
+    code, out, _ = sparse_coord("import-map", plan, *ENV1, *GOALS, "--out", "i")
     assert code == 0
     assert "1 doorway; lower left corner at 0,0" in out
     assert "\nCoordination may pay: a robot alone in the world earns 126.45; " in out
@@ -57,9 +56,9 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
 
 def test_it_counts_the_doorways_that_maps_counts(sparse_coord, folder):
     """A doorway through a thick wall has several cells."""
-    (folder / "thick.txt").write_text("---\n1.##.2\n..DD..\n..##..\n..##..\n..##..\n")
-    assert sparse_coord("export-map", "thick.txt", "--out", "e")[0] == 0
-    thick = ("e/thick.yaml", "--cell", "1", "--radius", "0.1", "--doorway-length", "2")
+    text = "---\n1.##.2\n..DD..\n..##..\n..##..\n..##..\n"
+    write_grid(parse_map(text, name="thick", where="thick.txt"), folder)
+    thick = ("thick.yaml", "--cell", "1", "--radius", "0.4")
     code, out, _ = sparse_coord("import-map", *thick, "--out", "i")
     assert code == 0 and " cells of 1 m, 1 doorway (2 cells); " in out
     assert " cells, 1 doorway (2 cells)\n" in sparse_coord("maps", "i/thick.txt")[1]
@@ -70,60 +69,37 @@ def test_it_counts_the_doorways_that_maps_counts(sparse_coord, folder):
     assert told[0]["doorways"] == told[1][0]["doorways"] == 1
 
 
-def test_places_west_and_south_of_the_origin(sparse_coord, folder, exported):
-    text = exported.read_text().replace(
-        "- 0.0\n- 0.0\n- 0.0", "- -10.0\n- -20.0\n- 0.0"
-    )
-    exported.write_text(text)
+def test_places_west_and_south_of_the_origin(sparse_coord, folder, plan):
+    text = plan.read_text().replace("- 0.0\n- 0.0\n- 0.0", "- -10.0\n- -20.0\n- 0.0")
+    plan.write_text(text)
     robots = ("--start", "-9.5,-15.5", "--goal", "-5.5,-19.5")
-    code, out, err = sparse_coord(
-        "import-map", exported, *ENV1[:4], *robots, "--out", "i"
-    )
+    code, out, err = sparse_coord("import-map", plan, *ENV1[:4], *robots, "--out", "i")
     assert (code, err) == (0, "")
     assert "lower left corner at -10,-20" in out
     assert load_map(str(folder / "i" / "env1.txt")).origin == (-10.0, -20.0)
 
 
-def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused):
-    assert sparse_coord("import-map", exported, *ENV1, *GOALS, "--out", "i")[0] == 0
-    assert "i/env1.txt" in refused("import-map", exported, *ENV1, *GOALS, "--out", "i")
-    here = refused("import-map", exported, *ENV1, *GOALS, "--out", "e", "--replace")
+def test_nothing_is_overwritten_unasked(sparse_coord, folder, plan, refused):
+    assert sparse_coord("import-map", plan, *ENV1, *GOALS, "--out", "i")[0] == 0
+    assert "i/env1.txt" in refused("import-map", plan, *ENV1, *GOALS, "--out", "i")
+    here = refused("import-map", plan, *ENV1, *GOALS, "--out", "e", "--replace")
     assert "e/env1" in here
     again = (*ENV1, *GOALS, "--no-doorway", "2.5,2.5", "--out", "i", "--replace")
-    code, out, _ = sparse_coord("import-map", exported, *again)
+    code, out, _ = sparse_coord("import-map", plan, *again)
     assert code == 0
     assert "note: no doorway found" in out
 
 
-def test_a_map_is_called_as_its_file(exported, refused):
-    other = exported.rename(exported.with_name("an office.yaml"))
+def test_a_map_is_called_as_its_file(plan, refused):
+    other = plan.rename(plan.with_name("an office.yaml"))
     assert "'an office'" in refused("import-map", other, *ENV1, *GOALS)
 
 
-def test_maps_of_map_server_point_to_import_map(exported, refused, folder):
+def test_maps_of_map_server_point_to_import_map(plan, refused, folder):
     (folder / "mine.yaml").write_text(
         "map: e/env1.pgm\nrobots: {a: {start: 1, goal: 2}}\n"
     )
     assert "sparse_coord import-map" in refused("train", "mine.yaml")
-
-
-def test_what_is_exported_says_where_it_lies(sparse_coord, folder):
-    (folder / "m.txt").write_text("resolution: 0.5\norigin: [3, -4]\n---\n.#\n..\n")
-    assert (
-        sparse_coord("export-map", "m.txt", "--pixels", "2", "--image", "png")[0] == 0
-    )
-    said = yaml.safe_load((folder / "m.yaml").read_text())
-    assert (said["resolution"], said["origin"], said["image"]) == (
-        0.25,
-        [3.0, -4.0, 0.0],
-        "m.png",
-    )
-    assert np.asarray(Image.open(folder / "m.png")).tolist() == [
-        [254, 254, 0, 0],
-        [254, 254, 0, 0],
-        [254] * 4,
-        [254] * 4,
-    ]
 
 
 @pytest.mark.parametrize(
@@ -140,8 +116,8 @@ def test_a_scenario_is_recognised(sparse_coord, folder, options):
     assert list(folder.iterdir()) == []
 
 
-def test_a_bad_setting_is_refused_before_the_page_is_served(sparse_coord, exported):
-    command = ("import-map", exported, "--page", "--set", "interactions=foo")
+def test_a_bad_setting_is_refused_before_the_page_is_served(sparse_coord, plan):
+    command = ("import-map", plan, "--page", "--set", "interactions=foo")
     code, out, err = sparse_coord(*command)
     assert (code, out) == (2, "")
     assert "unknown value 'foo'" in err and err.count("\n") == 1

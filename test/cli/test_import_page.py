@@ -11,12 +11,14 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from floor_plans import write_grid
 from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.cli import import_page
 from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
 from sparse_coord_ros.cli.main import make_parser
+from sparse_coord_ros.core.game.grid import load_map, parse_map
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.show.page.controls import (
     DRIVE,
@@ -43,13 +45,13 @@ OPTIONS += ("--goal", "4.5,0.5", "0.5,0.5", "--doorway", "1.5,2.5", "--out")
 
 
 @pytest.fixture
-def exported(sparse_coord):
+def plan(folder):
     """Draw env1 as a map of map_server."""
-    assert sparse_coord("export-map", "env1", "--out", "e")[0] == 0
+    write_grid(load_map("env1"), folder / "e")
 
 
 @pytest.fixture
-def page(exported):
+def page(plan):
     """Return the page of that map, and its board."""
     command = ["import-map", "e/env1.yaml", "--page", "--out", "clicked"]
     board = MessageBoard()
@@ -113,7 +115,7 @@ class Counting(MessageBoard):
 
 
 @pytest.fixture
-def waiting(exported):
+def waiting(plan):
     """Return a page that does nothing yet, and its board; wishes wait."""
     command = ["import-map", "e/env1.yaml", "--page", "--out", "clicked"]
     board = Counting()
@@ -210,7 +212,7 @@ def test_odd_values_are_refused(page, changes):
 
 
 def test_a_page_is_served_a_team_learns_and_ctrl_c_ends_it(
-    exported, sparse_coord, monkeypatch
+    plan, sparse_coord, monkeypatch
 ):
     seen = []
 
@@ -289,8 +291,8 @@ def test_it_says_what_coordination_will_bring_and_where_a_doorway_is_missing(pag
 def test_corridors_are_taken_where_the_page_says_so(page, sparse_coord, folder):
     plain = told(page, IMPORT, doorway=[])
     assert plain["corridors"] == 0 and "together fits" in plain["interactions"]
-    (folder / "lane.txt").write_text("---\n...###...\n.........\n...###...\n")
-    assert sparse_coord("export-map", "lane.txt", "--out", "l")[0] == 0
+    text = "---\n...###...\n.........\n...###...\n"
+    write_grid(parse_map(text, name="lane", where="lane.txt"), folder / "l")
     options = ["import-map", "l/lane.yaml", "--page", "--cell", "1", "--radius", "0.1"]
     board = MessageBoard()
     lane = ImportPage(make_parser("import-map").parse_args(options), board)
@@ -309,7 +311,7 @@ def test_corridors_are_taken_where_the_page_says_so(page, sparse_coord, folder):
     assert load_scenario(folder / "lane_map/lane.yaml").interactions == "swap+block"
 
 
-def test_a_picture_without_a_yaml_file_is_scaled(exported, sparse_coord, folder):
+def test_a_picture_without_a_yaml_file_is_scaled(plan, sparse_coord, folder):
     """The page asks for its scale; what is saved is what a YAML file would have given."""
     header = folder / "e" / "env1.yaml"
     header.rename(folder / "kept.yaml")
@@ -342,7 +344,7 @@ def test_a_picture_that_is_missing_is_said_to_be(sparse_coord, more):
     assert said == "error: gone.png: no such image; give an image that exists\n"
 
 
-def test_a_picture_s_files_are_not_written_over(exported, folder):
+def test_a_picture_s_files_are_not_written_over(plan, folder):
     """Its scenario would have the name of its YAML file."""
     (folder / "e" / "env1.yaml").unlink()
     command = ["import-map", "e/env1.pgm", "--page", "--out", "e", "--replace"]

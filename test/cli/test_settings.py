@@ -37,15 +37,15 @@ def test_every_setting_is_there_once(sparse_coord):
 
 
 def test_it_says_what_validates(sparse_coord):
-    said = json.loads(sparse_coord("settings", "discount", "link", "--json")[1])
-    assert list(said) == ["scenario", "questions"]
+    said = json.loads(sparse_coord("settings", "discount", "starts", "--json")[1])
+    assert list(said) == ["scenario", "protocol"]
     one = said["scenario"]["discount"]
     assert (one["default"], one["low"], one["high"]) == (0.95, 0, 0.999)
     assert one["allowed"] == SETTINGS["discount"].allowed
-    forms = {form["form"]: form for form in said["questions"]["link"]["forms"]}
-    assert list(forms) == SETTINGS["link"].allowed.split(", ")
-    assert forms["lost:P"]["numbers"] == [
-        {"name": "p", "low": 0, "high": 1, "repeated": False}
+    forms = {form["form"]: form for form in said["protocol"]["starts"]["forms"]}
+    assert list(forms) == SETTINGS["starts"].allowed.split(", ")
+    assert forms["mixed:P_RANDOM"]["numbers"] == [
+        {"name": "p_random", "low": 0, "high": 1, "repeated": False}
     ]
 
 

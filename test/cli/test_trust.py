@@ -26,14 +26,12 @@ NOTHING = "nothing is missing"
 PERCEPTS = "percepts and answers"
 ACTIONS = "actions and tables"
 EPISODES = "greedy episodes"
-VALUE = "the value of this team"
 THEIR_RESULT = "results of theirs:Team"
 WHY = "the robots' values and updates"
 
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),
     "evaluate RUN --exact": (REFUSED, REFUSED),
-    "improve RUN": (REFUSED, REFUSED),
     "drive RUN": (REFUSED, REFUSED),
     "run --resume UNFINISHED": (REFUSED, REFUSED),
     "train --resume UNFINISHED": (REFUSED, REFUSED),
@@ -42,13 +40,10 @@ VERBS = {
     "optimum SCENARIO": (None, NOTHING),
     "optimum SCENARIO --class": (None, REFUSED),
     "maps SCENARIO": (None, NOTHING),
-    "report RUN --no-baselines --out OUT.html": (VALUE, VALUE),
-    "report BAG --no-baselines --out OUT.html": (VALUE, VALUE),
     "plot RUN --out OUT.png": (EPISODES, EPISODES),
     "plot BAG --out OUT.png": (EPISODES, EPISODES),
     "plot RUN --what asks --out OUT.png": (REFUSED, REFUSED),
     "plot RESULTS --out OUT.png": (THEIR_RESULT, None),
-    "report RESULTS --out OUT.html": (THEIR_RESULT, None),
     "animate RUN --out OUT.gif": (NOTHING, NOTHING),
     "animate RUN --greedy --out OUT.gif": (REFUSED, REFUSED),
     "verify BAG": (ACTIONS, PERCEPTS),
@@ -124,7 +119,7 @@ def words_of(command, name, out):
     return ["".join((places.get(word, word), *more)) for word, *more in words]
 
 
-SLOW = ("report BAG", "plot BAG", "animate RUN --out")
+SLOW = ("plot BAG", "animate RUN --out")
 """Pictures like those of the other verbs."""
 
 

@@ -99,7 +99,7 @@ def test_cells_of_places_on_and_off_the_grid(metric_map):
 
 @pytest.mark.parametrize("yaw", np.linspace(-3.1, 3.1, 9))
 def test_steering_comes_to_any_place_in_time(yaw):
-    simulator = BodySimulator(MetricMap(RUN), 1, 1, SURE, 0.1)
+    simulator = BodySimulator(MetricMap(RUN), 1, 1, SURE)
     body = simulator.bodies[0]
     body.put(0.5, 4.5)
     body.pose = Pose(0.5, 4.5, yaw)
@@ -114,7 +114,7 @@ def test_steering_comes_to_any_place_in_time(yaw):
 
 
 def test_walls_stop_a_body_and_time_stands_for_one_that_stands():
-    simulator = BodySimulator(MetricMap(RUN), 1, 1, SURE, 0.1)
+    simulator = BodySimulator(MetricMap(RUN), 1, 1, SURE)
     body = simulator.bodies[0]
     body.put(0.5, 4.5)
     body.command = Command(1.0, 0.0)
@@ -138,7 +138,7 @@ def test_an_arc_is_a_circle():
 def test_noise_makes_odometry_drift_and_comes_from_the_seed():
     found = []
     for seed in (1, 1, 2):
-        simulator = BodySimulator(MetricMap(RUN, 0.01), 2, seed, Noise(0.2, 0.01), 0.1)
+        simulator = BodySimulator(MetricMap(RUN, 0.01), 2, seed, Noise(0.2, 0.01))
         body = simulator.bodies[1]
         body.put(1.0, 4.0)
         body.command = Command(0.3, 0.4)
@@ -157,7 +157,7 @@ def test_each_wheel_has_a_size_of_its_own():
     bends = []
     for seed in range(8):
         metric_map = MetricMap(RUN)
-        body = BodySimulator(metric_map, 1, seed, Noise(wheels, 0.0), 0.1).bodies[0]
+        body = BodySimulator(metric_map, 1, seed, Noise(wheels, 0.0)).bodies[0]
         body.put(0.5, 4.5)
         body.command = Command(ahead, 0.0)
         for _ in range(ticks):
@@ -168,7 +168,7 @@ def test_each_wheel_has_a_size_of_its_own():
 
 
 def test_touches_are_counted_once_where_they_begin(metric_map):
-    simulator = BodySimulator(metric_map, 2, 1, SURE, 0.1)
+    simulator = BodySimulator(metric_map, 2, 1, SURE)
     x, y = metric_map.place(0, DOOR)
     simulator.bodies[0].put(x, y)
     simulator.bodies[1].put(x + 0.5, y)
@@ -224,7 +224,7 @@ def test_when_time_is_over_the_cell_of_the_pose_counts(metric_map, x, y, cell):
 
 def test_a_driver_in_a_foreign_cell_goes_round_the_walls(metric_map):
     """The body is on the other side of the wall that the grid has it on."""
-    simulator = BodySimulator(metric_map, 1, 1, SURE, 0.1)
+    simulator = BodySimulator(metric_map, 1, 1, SURE)
     body = simulator.bodies[0]
     goal = CELLS[0, 3]
     body.put(*metric_map.place(0, CELLS[0, 1]))
@@ -277,7 +277,7 @@ def test_placing_waits_for_whoever_does_it(metric_map):
 
 
 def test_in_step_time_passes_when_all_that_drive_are_told(metric_map):
-    simulator = BodySimulator(metric_map, 2, 1, SURE, 0.1)
+    simulator = BodySimulator(metric_map, 2, 1, SURE)
     move = Command(0.1, 0.0)
     assert not simulator.told(0, move)  # too early: no goal, and forgotten
     assert simulator.send(goals(CELLS[0, 0], CELLS[1, 0])) and simulator.ticks == 1
@@ -355,7 +355,7 @@ def test_a_driver_says_again_what_a_body_that_stands_still_did_not_hear(metric_m
 
 
 def test_a_simulator_that_comes_back_goes_on_with_the_teams_time(metric_map):
-    simulator = BodySimulator(metric_map, 2, 1, SURE, 0.1)
+    simulator = BodySimulator(metric_map, 2, 1, SURE)
     simulator.send(goals(CELLS[0, 0], CELLS[1, 0], number=70, since=42.0))
     assert simulator.seconds == pytest.approx(42.1)
     simulator.send(goals(CELLS[0, 0], CELLS[1, 0], number=71, since=41.0))
@@ -363,7 +363,7 @@ def test_a_simulator_that_comes_back_goes_on_with_the_teams_time(metric_map):
 
 
 def test_a_simulator_says_for_whom_it_stands_still(metric_map):
-    simulator = BodySimulator(metric_map, 2, 1, SURE, 0.1)
+    simulator = BodySimulator(metric_map, 2, 1, SURE)
     assert simulator.waits_for == {0, 1}
     goals = [BodyGoal(k, CELLS[0, 0], CELLS[1, 0]) for k in (0, 1)]
     simulator.send(Goals(1, 1, False, 7.0, tuple(goals)))

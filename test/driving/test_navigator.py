@@ -12,6 +12,7 @@ from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.navigator import (
     ANSWER_SECONDS,
     SETTLE_SECONDS,
+    SILENCE_SECONDS,
     Navigator,
     NavLimits,
 )
@@ -22,20 +23,20 @@ CELLS = RUN.scenario.map.number
 START = CELLS[0, 0]
 END = CELLS[1, 0]
 GROUND = MetricMap(RUN)
-LIMITS = NavLimits(near=0.1, seconds=10.0, silence=1.0, detour=3.0)
+LIMITS = NavLimits(near=0.1, seconds=10.0)
 
 
 class Server:
     """The port, and a clock: keeps what was asked for."""
 
-    def __init__(self, limits=LIMITS):
+    def __init__(self):
         self.sent = []
         self.cancelled = []
         self.said = []
         self.all = 0
         self.there = True
         self.now = 100.0
-        self.navigator = Navigator(GROUND, limits, 0, self)
+        self.navigator = Navigator(GROUND, LIMITS, 0, self)
 
     def send(self, ticket, target):
         if self.there:
@@ -226,7 +227,7 @@ def test_a_killed_server_costs_a_bounded_time(server):
     found = None
     begin = server.now
     while found is None:
-        assert server.now - begin < LIMITS.silence + ANSWER_SECONDS + 0.5
+        assert server.now - begin < SILENCE_SECONDS + ANSWER_SECONDS + 0.5
         found = server.pose(START)
     assert found.cell == START and server.navigator.clear
 
@@ -282,14 +283,6 @@ def test_to_its_first_cell_a_body_is_brought_however_long_it_takes():
     reached = server.pose(START, 0.2)
     assert reached.there and reached.cell == START and server.cancelled == [3]
     assert server.navigator.counts["out of time"] == 0
-
-
-def test_unless_somebody_else_brings_it():
-    server = Server(LIMITS._replace(bring=False))
-    server.pose(CELLS[0, 3])
-    server.go(place=True, end=START)
-    server.wait(5.0)
-    assert server.sent == [] and server.pose(START).there
 
 
 def test_held_it_cancels_and_sends_nothing(server):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.base import compiling
-from sparse_coord_ros.core.game.draws import CompiledDraws, Links, drawn
+from sparse_coord_ros.core.game.draws import CompiledDraws, drawn
 from sparse_coord_ros.core.game.pcg64 import MOST, jump_table, source_of
 from sparse_coord_ros.core.game.streams import DRAWS, EVALUATION, POLICY, START, Stream
 
@@ -23,8 +23,7 @@ def _draw_all(draws, steps, role, found):
 def _draws(seed, role, first):
     sources = np.zeros((len(DRAWS), 2, 4), dtype=np.uint64)
     sources[role, 1] = source_of(seed, 1, role, EVALUATION, first * DRAWS[role])
-    links = Links(drawn=True, down=np.zeros((2, 0), dtype=np.bool_), dead_from=10**9)
-    return CompiledDraws(links, sources, np.full((len(DRAWS), 2), first), jump_table())
+    return CompiledDraws(True, sources, np.full((len(DRAWS), 2), first), jump_table())
 
 
 @pytest.mark.parametrize("role", DRAWS)

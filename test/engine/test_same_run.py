@@ -46,10 +46,6 @@ GAMES = {
         "env1",
         {"perception": "probability:0.7", "goal_value": 0, "starts": "fixed"},
     ),
-    "links that fail": (
-        "env1",
-        {"link": "bursts:0.05:0.2", "common_reward": "each:1:0.5"},
-    ),
     "schedules": (
         "env2-2r",
         {
@@ -66,7 +62,7 @@ GAMES = {
 }
 """Games of two robots, which each learner can learn."""
 
-FAILING = ("no answers", "few answers", "links that fail", "sight")
+FAILING = ("no answers", "few answers", "sight")
 """Games in which percepts fail: the learner joint sees all, and refuses them."""
 
 TEAMS = {
@@ -88,18 +84,15 @@ TEAMS = {
         "factored",
         {"perception": "range:4", "credit": "weight:2"},
     ),
-    "four, no referee": ("env2-4r", "factored", {"referee": False, "starts": "fixed"}),
-    "three, marked": ("crowd-3r", "cq", {"link": "lost:0.3"}),
 }
 
 KNOWN_MAP = {
     "coop, known map": ("env2-2r", "coop", {}),
     "noncoop, known map": ("env2-2r", "noncoop", {"prior_success": 0.9}),
     "factored, known map": ("env1", "factored", {"perception": "probability:0.7"}),
-    "factored, leaving": ("env1", "factored", {"stand_off": "leave:0.5:0.9"}),
-    "four, known map": ("env2-4r", "factored", {"stand_off": "leave:0.5:0.9"}),
+    "four, known map": ("env2-4r", "factored", {}),
 }
-"""Robots that know their map, and leave stand-offs: not in 1.0.0."""
+"""Robots that know their map: not in 1.0.0."""
 
 OUTSIDERS = {
     "hysteretic": ("env1", "hysteretic", {}),
@@ -107,7 +100,7 @@ OUTSIDERS = {
     "three, marked by pairs": (
         "crowd-3r",
         "cq",
-        {"peers": "all", "perception": "probability:0.7", "referee": True},
+        {"peers": "all", "perception": "probability:0.7"},
     ),
 }
 """Learners that were not in 1.0.0, and what others learned since."""
@@ -115,17 +108,24 @@ OUTSIDERS = {
 INTERACTIONS = {
     "exchanges, coop": ("aisle", "coop", {}),
     "exchanges, factored": ("aisle", "factored", {"perception": "probability:0.7"}),
-    "exchanges, joint": ("bay", "joint", {}),
-    "a shared cell, cq": ("merge", "cq", {"link": "lost:0.3"}),
+    "exchanges, joint": ("aisle", "joint", {}),
+    "a shared cell, cq": (
+        "aisle",
+        "cq",
+        {"interactions": "together:anywhere", "perception": "probability:0.7"},
+    ),
     "a lane, coop": ("lane", "coop", {"max_steps": 40}),
     "a lane, factored": ("lane", "factored", {"max_steps": 40}),
     "a lane, noncoop": ("lane", "noncoop", {"starts": "mixed:0.5"}),
-    "three kinds, factored": ("rooms", "factored", {"referee": False}),
+    "three kinds, factored": (
+        "lane",
+        "factored",
+        {"interactions": "together:anywhere+swap+block"},
+    ),
     "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
     "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
     "help, coop": ("lift", "coop", {"max_steps": 30}),
     "help, factored": ("lift", "factored", {"perception": "probability:0.7"}),
-    "help, cq": ("lift", "cq", {"referee": True}),
     "help, hysteretic": ("lift", "hysteretic", {"starts": "mixed:0.5"}),
     "help that costs, factored": (
         "lift",

@@ -165,8 +165,8 @@ def test_what_cannot_be_gone_on_with(tmp_path):
     np.savez(file, **{**known, "format": np.array(99)})
     refused("format 99")
     for name in ("cells", "q_star_2", "q_coord_values_2"):
-        np.savez(file, **{**known, name: known[name] + 1})
-        refused("checkpoint.npz: .*digest")
+        np.savez(file, **{**known, name: known[name][:-1]})
+        refused("checkpoint.npz: .*is .* of shape")
     np.savez(file, **known)
     train(scenario, "coop", 4, checkpoint=file, resume=True, until=200)
     with pytest.raises(SettingError, match="setting resume"):

@@ -15,8 +15,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.tables import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-ELSEWHERE = ("own_robot.py", "own_learning_robot.py")
-"""Run by test/nodes/test_conformance.py."""
+ELSEWHERE = ("own_robot.py",)
+"""Run by test/nodes/test_own_robot.py."""
 
 
 @pytest.fixture

@@ -28,15 +28,6 @@ def test_an_id_reads_back_as_the_same_condition():
             "env1/coop/perception=probability:0.50,ask_cost=2",
             "env1/coop/penalty=-20,ask_cost=2,perception=probability:0.5",
         ),
-        # With stops the referee is on, unless it is switched off.
-        (
-            "env1/factored/interactions=block,referee=False",
-            "env1/factored/penalty=-20,interactions=block,referee=False",
-        ),
-        (
-            "env1/factored/interactions=block,referee=True",
-            "env1/factored/penalty=-20,interactions=block",
-        ),
     ],
 )
 def test_a_condition_has_one_id(text, canonical):

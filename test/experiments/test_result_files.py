@@ -158,7 +158,7 @@ AS_TEXT = {
     "nested deeply": lambda text: "[" * 100_000,
     "no UTF-8": lambda text: "\udcff" + text,
     "a key twice": lambda text: text.replace('"seed"', '"seed": 5, "seed"', 1),
-    "no format": lambda text: text.replace('"format": 4, ', ""),
+    "no format": lambda text: text.replace('"format": 5, ', ""),
     "no digest": lambda text: text.replace('"digest"', '"fun"'),
     "other digest": lambda text: text.replace('"digest": "', '"digest": "0', 1),
     "learner renamed": lambda text: text.replace("coop", "noncoop"),
@@ -177,7 +177,7 @@ def signed(path, change):
     try:
         path.write_text(to_text(content))
     except ValueError:
-        path.write_text(json.dumps({"format": 4, **content}))
+        path.write_text(json.dumps({"format": 5, **content}))
 
 
 def is_refused(folder, capsys, name):
@@ -306,10 +306,10 @@ def test_files_that_changed_places_are_both_computed_again(folder, originals):
 @pytest.mark.parametrize("number", [0, 1, 2, 3, 5])
 def test_another_format_is_refused_by_all(folder, capsys, number):
     path = file_of(folder)
-    path.write_text(path.read_text().replace('"format": 4', f'"format": {number}'))
+    path.write_text(path.read_text().replace('"format": 5', f'"format": {number}'))
     before = path.read_bytes()
     line = is_refused(folder, capsys, f"{COOP}.json")
-    assert f"is in format {number}, this version reads format 4; " in line
+    assert f"is in format {number}, this version reads format 5; " in line
     with pytest.raises(ResultsError, match=f"is in format {number}"):
         run_experiment([COOP], out=folder, seed=PLAN.seed, **FEW)
     assert path.read_bytes() == before

@@ -162,8 +162,8 @@ def test_another_format_of_the_manifest_is_refused(tmp_path):
     with open_results(tmp_path, PLAN):
         pass
     manifest = tmp_path / "results.json"
-    manifest.write_text(manifest.read_text().replace('"format": 4', '"format": 1'))
-    words = "results.json: is in format 1, this version reads format 4; make it anew"
+    manifest.write_text(manifest.read_text().replace('"format": 5', '"format": 1'))
+    words = "results.json: is in format 1, this version reads format 5; make it anew"
     with pytest.raises(ResultsError, match=words), open_results(tmp_path, PLAN):
         pass
 
@@ -204,7 +204,7 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
 
 
 @pytest.mark.parametrize(
-    "damage", ["", "[1]", "{", "[" * 100_000, '{"format": 4, "seed": 1e999}']
+    "damage", ["", "[1]", "{", "[" * 100_000, '{"format": 5, "seed": 1e999}']
 )
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)

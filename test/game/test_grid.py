@@ -32,11 +32,9 @@ MAPS = {
     "cmu": "ea76c91e89e5dbee",
     "crowd": "4df2d3c171bae37a",
     "aisle": "e749f90ad712d9d9",
-    "bay": "933b30f754e1dc52",
     "floor": "1dff405d66492c21",
     "lane": "a7982b106951ac4b",
     "lift": "6ff14d6f6d531547",
-    "merge": "ef7ef2bfc10cde05",
 }
 """The shipped maps, with the digest of their rows."""
 

@@ -38,14 +38,10 @@ CROWD = {
 }
 
 # As above, of scenarios that teach the kinds of interaction.
-LANE_GOALS = [(0, 8), (0, 0)]
 TEACHING = {
     "aisle": ("aisle", 8, 100_000, [(0, 8), (0, 0)]),
-    "bay": ("bay", 8, 100_000, [(0, 8), (0, 0)]),
-    "merge": ("merge", 8, 100_000, [(2, 6), (2, 6)]),
-    "lane": ("lane", 10, 100_000, LANE_GOALS),
+    "lane": ("lane", 10, 100_000, [(0, 8), (0, 0)]),
     "lift": ("lift", 6, 100_000, [(0, 6), (2, 6)]),
-    "rooms": ("lane", 10, 100_000, LANE_GOALS),
     "floor-4r": ("floor", 10, 100_000, [(3, 7), (3, 0), (0, 7), (0, 0)]),
 }
 SHIPPED = SCENARIOS | CROWD | TEACHING

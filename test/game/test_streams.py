@@ -2,9 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random streams: functions of seed, agent, role, phase and step, equal to NumPy's own PCG64."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -32,15 +29,6 @@ def test_numbers_that_key_the_streams_never_change():
     assert DRAWS == {0: 5, 1: 1, 2: 1, 3: 2, 4: 1, 5: 2, 6: 1}
     columns = ("EXPLORE", "EXPLORED_ACTION", "TIE", "PRIMITIVE_TIE", "PEER")
     assert [getattr(streams, name) for name in columns] == [0, 1, 2, 3, 4]
-
-
-def test_the_draw_of_a_percept_is_that_of_the_contract():
-    """docs/own_robot.md says in NumPy how a robot of one's own draws it."""
-    text = (Path(__file__).parents[2] / "docs/own_robot.md").read_text()
-    [formula] = re.findall(r"`(Generator\(PCG64.*?\[step\])`", text)
-    for seed, asker, step in ((0, 0, 1), (7, 1, DRAWS_AT_ONCE), (7, 3, 10_000)):
-        names = {**vars(np.random), "seed": seed, "asker": asker, "step": step}
-        assert [eval(formula, names)] == Stream(seed, asker, PERCEPT).at(step)
 
 
 @given(

@@ -49,10 +49,7 @@ def ignoring(scenario):
     ("name", "interactions", "most", "conflicts", "arrivals"),
     [
         ("aisle", "swap", 0.97, (0.2, 0.5), (1, 1)),
-        ("bay", "together:anywhere+swap", 0.9, (0.9, 1.2), (1, 1)),
-        ("merge", "together:anywhere", 0.9, (1, 2), (1, 1)),
         ("lane", "block:anywhere", 0.05, (0, 0), (0, 0.05)),
-        ("rooms", "together:anywhere+swap+block", 0.2, (0, 0.3), (0, 0.3)),
         ("floor-4r", "together:anywhere+swap+block", 0.4, (1.5, 2.5), (0.2, 0.6)),
     ],
 )

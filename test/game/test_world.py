@@ -49,8 +49,8 @@ def test_arrival_pays_once_and_the_arrived_robot_stays(make):
     world = World(make("1.2..", {"a": (1, [0, 1]), "b": (2, 1)}, **SURE), 0)
     first = world.advance([go(EAST), go(WEST)])
     assert first.arrived == (0,)
-    assert first.rewards[0] == Reward(10.0, 0.0, 0.0, 10.0)
-    assert first.rewards[1] == Reward(0.0, 0.0, 0.0, 0.0)
+    assert first.rewards[0] == Reward(10.0, 0.0, 0.0, 10.0, 0)
+    assert first.rewards[1] == Reward(0.0, 0.0, 0.0, 0.0, 0)
     assert world.arrived == [True, False]
     assert not first.episode_over
     # the arrived robot's action has no effect
@@ -71,9 +71,10 @@ def test_rewards_add_up_and_asking_costs_whether_answered_or_not(make):
     world = World(make("1D2", ask_cost=0.5, **SURE), 0)
     refused = Action(WEST, True, 0, False)
     outcome = world.advance([ask(EAST), refused])
-    assert outcome.rewards == (Reward(0.0, -20.0, -0.5, -20.5),) * 2
+    felt = (0.0, -20.0, -0.5, -20.5)
+    assert outcome.rewards == (Reward(*felt, 0b10), Reward(*felt, 0b01))
     assert world.advance([ask(EAST), go(NORTH)]).rewards[0] == Reward(
-        10.0, 0.0, -0.5, 9.5
+        10.0, 0.0, -0.5, 9.5, 0
     )
 
 

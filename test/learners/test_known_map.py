@@ -8,7 +8,6 @@ from teams import drawn
 
 from sparse_coord_ros.base.errors import SettingError, TablesError
 from sparse_coord_ros.core.engine.batch import run_batch
-from sparse_coord_ros.core.engine.improve import learned_scenario
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
@@ -177,22 +176,6 @@ def test_replays_grow_with_the_map():
     assert replays_of(small) == 1
     assert replays_of(small.with_settings({"prior": "map"})) == REPLAYS
     assert replays_of(drawn(hall, robots)) == REPLAYS
-
-
-def test_a_plan_of_a_team_that_knows_its_map_is_made_on_the_map():
-    memories = {}
-    for prior in ("none", "map"):
-        scenario = learner_of("factored").with_defaults(
-            load_scenario("cmu").with_settings({"prior": prior, "steps": 200})
-        )
-        learner = learner_of("factored")
-        run = LearningRun(Team(scenario, learner, compiled=False), 1)
-        run.advance(200)
-        memories[prior] = learned_scenario(scenario, learner, run.memories)
-    lead = load_scenario("cmu").map.next_cell
-    assert np.array_equal(memories["map"].map.next_cell, lead)
-    assert not np.array_equal(memories["none"].map.next_cell, lead)
-    assert memories["map"].move_success == 0.8
 
 
 def test_two_thousand_steps_are_enough_for_robots_that_know_their_map():

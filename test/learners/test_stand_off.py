@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from teams import drawn
 
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, PRIMITIVES, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners import factored, policy
 from sparse_coord_ros.core.learners.agent import Agent, Decision
 from sparse_coord_ros.core.learners.corrections import rho_key
 from sparse_coord_ros.core.learners.factored import Factored
@@ -17,7 +17,6 @@ from sparse_coord_ros.core.learners.mind import place
 from sparse_coord_ros.core.learners.own_moves import LEAST_VALUE_SHARE, cell_value
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import play
-from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
 
 HERE = 2
 """The second cell of the corridor 1..D..2; east of it is the doorway."""
@@ -26,10 +25,17 @@ WALL = 0
 """A move (north) that leads nowhere."""
 
 
-def agent(stand_off="leave:1:0.25"):
+@pytest.fixture(autouse=True)
+def surely(monkeypatch):
+    """Robots that can leave a stand-off do so."""
+    monkeypatch.setattr(policy, "LEAVING", 1.0)
+
+
+def agent(*, leaves=True):
     """Return a greedy robot for which waiting is worth 100, the way back 80 and the rest 10."""
-    scenario = drawn(peers="all", stand_off=stand_off, prior="map")
+    scenario = drawn(peers="all", prior="map")
     one = Agent(learner_of("factored"), scenario, 0, 3, learning=False)
+    one.task = one.task._replace(leaves=leaves)
     one.mind.u[HERE] = [10.0] * PRIMITIVES
     one.mind.u[HERE][WALL] = 100.0
     one.mind.u[HERE][WEST] = 80.0
@@ -71,16 +77,28 @@ def test_it_does_not_leave_after_it_has_moved_itself_or_a_new_episode_began():
     assert asks(one, 12, 4) == WALL
 
 
-def test_it_leaves_only_where_leaving_is_worth_nearly_as_much_and_as_often_as_chosen():
-    for stand_off, expected in (
-        ("wait", WALL),
-        ("leave:1:0.15", WALL),  # west is worth 20 % less
-        ("leave:0:0.25", WALL),
-        ("leave:1:0.25", WEST),
-    ):
-        one = agent(stand_off)
-        asks(one, 10, 4)
-        assert asks(one, 11, 4) == expected
+@pytest.mark.parametrize(
+    ("leaving", "share", "expected"),
+    [
+        (1.0, 0.25, WEST),  # west is worth 20 % less
+        (1.0, 0.15, WALL),
+        (0.0, 0.25, WALL),
+    ],
+)
+def test_it_leaves_only_where_that_is_worth_nearly_as_much_and_at_random(
+    monkeypatch, leaving, share, expected
+):
+    monkeypatch.setattr(policy, "LEAVING", leaving)
+    monkeypatch.setattr(factored, "LEAVING_SHARE", share)
+    one = agent()
+    asks(one, 10, 4)
+    assert asks(one, 11, 4) == expected
+
+
+def test_a_robot_that_leaves_no_stand_offs_waits():
+    one = agent(leaves=False)
+    asks(one, 10, 4)
+    assert asks(one, 11, 4) == WALL
 
 
 def test_it_does_not_leave_where_its_best_move_leads_somewhere():
@@ -91,41 +109,26 @@ def test_it_does_not_leave_where_its_best_move_leads_somewhere():
 
 
 def test_teams_of_more_than_two_leave_unless_percepts_depend_on_places():
-    factored = learner_of("factored")
-    kinds = {
-        "env1": "wait",
-        "env2-4r": "leave",
-    }
-    for name, kind in kinds.items():
-        assert factored.with_defaults(load_scenario(name)).stand_off.kind == kind
-    near = load_scenario("env2-4r").with_settings({"perception": "range:1"})
-    assert factored.with_defaults(near).stand_off.kind == "wait"
-
-
-@pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv", "cq", "joint"])
-def test_the_setting_has_no_meaning_for_other_learners(learner):
-    scenario = load_scenario("env1").with_settings({"stand_off": "leave:0.5:0.25"})
-    assert learner_of(learner).with_defaults(scenario).stand_off.kind == "wait"
-
-
-def test_a_pair_that_leaves_is_judged_by_trials():
-    scenario = drawn(stand_off="leave:0.5:0.25")
+    four = load_scenario("env2-4r")
+    near = four.with_settings({"perception": "range:1"})
     rule = learner_of("factored")
-    tables = [Agent(rule, scenario, k, 0).tables for k in (0, 1)]
-    with pytest.raises(SettingError, match="exact evaluation: setting stand_off"):
-        evaluate_exact(scenario, tables)
-    assert evaluate_best(scenario, tables, trials=3).trials == 3
+    assert rule.leaves_stand_offs(four)
+    assert not rule.leaves_stand_offs(near)
+    assert not rule.leaves_stand_offs(load_scenario("env1"))
+    assert not learner_of("coop").leaves_stand_offs(four)
 
 
-def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves():
+def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves(monkeypatch):
     """Two robots head-on before a doorway, whose values tell both to wait for ever."""
+    monkeypatch.setattr(policy, "LEAVING", 0.5)
+    monkeypatch.setattr(factored, "LEAVING_SHARE", 0.9)
     arrived = {}
-    for stand_off in ("wait", "leave:0.5:0.9"):
+    for leaves in (False, True):
+        monkeypatch.setattr(Factored, "leaves_stand_offs", lambda *_, said=leaves: said)
         scenario = drawn(
             "1....\n##D##\n....2",
             {"robot_1": (1, 2), "robot_2": (2, 1)},
             prior="map",
-            stand_off=stand_off,
             horizon=200,
         )
         rule = learner_of("factored")
@@ -141,9 +144,9 @@ def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves():
             one.mind.value[before] = 300.0
             tables.append(one.tables)
         trials = play(scenario, tables, trials=40, seed=1)
-        arrived[stand_off] = trials.arrived.all(axis=1).mean()
-    assert arrived["wait"] < 0.6
-    assert arrived["leave:0.5:0.9"] > arrived["wait"] + 0.3
+        arrived[leaves] = trials.arrived.all(axis=1).mean()
+    assert arrived[False] < 0.6
+    assert arrived[True] > arrived[False] + 0.3
 
 
 def crowd():

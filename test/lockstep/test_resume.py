@@ -275,7 +275,7 @@ def test_another_run_or_format_is_refused(
 ):
     other = run
     if "format" in change:
-        monkeypatch.setattr("sparse_coord_ros.base.npz.NPZ_FORMAT", change["format"])
+        monkeypatch.setattr("sparse_coord_ros.base.npz.FORMAT", change["format"])
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()

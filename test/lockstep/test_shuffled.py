@@ -57,7 +57,7 @@ CASES = [
     pytest.param("env2-4r", "coop", {"max_steps": 15}, 0.0, id="four"),
     pytest.param("crowd-3r", "coop", {"peers": "all"}, 0.4, id="all are asked"),
     pytest.param("env1", "factored", {"steps": 600, **ASKED}, 0.2, id="factored"),
-    pytest.param("env2-4r", "factored", ASKED, 0.0, id="factored, a referee"),
+    pytest.param("env2-4r", "factored", ASKED, 0.0, id="factored, four"),
 ]
 """Each learner that runs live, and the share of messages that come twice."""
 

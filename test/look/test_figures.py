@@ -16,7 +16,6 @@ from matplotlib.quiver import Quiver
 from sparse_coord_ros.show.results import results_figure
 
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.base.palette import OUTCOME_COLOURS
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
@@ -25,7 +24,6 @@ from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.sources import open_run
-from sparse_coord_ros.show.steps import ended
 from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.store import open_results
@@ -62,15 +60,15 @@ def test_arrows_and_rings_are_the_policy(trained):
 def test_curves_are_the_history(trained):
     shown = open_run(trained)
     figure = figures.runs_figure([shown], ["curves"])
-    length, returns, *_ = all_axes(figure)
+    length, _, asks = all_axes(figure)
     dots, mean = length.lines
     np.testing.assert_array_equal(dots.get_ydata(), shown.history.length)
     window = int(mean.get_label().removeprefix("mean of ").removesuffix(" episodes"))
     np.testing.assert_array_equal(
         mean.get_ydata(), shown.history.curve("length", window)[1]
     )
-    assert [line.get_label() for line in returns.lines] == ["robot_1", "robot_2"]
-    assert len({line.get_linestyle() for line in returns.lines}) == 2
+    assert [line.get_label() for line in asks.lines] == ["robot_1", "robot_2"]
+    assert len({line.get_linestyle() for line in asks.lines}) == 2
 
 
 def test_the_panels_fill_the_canvas(trained):
@@ -166,23 +164,6 @@ def test_long_curves_are_thinned():
     assert len(steps) <= figures.MOST_POINTS and steps[0] == 0 and values[-1] == 4999
 
 
-def test_percepts_are_the_log(bag):
-    shown = open_run(bag)
-    figure = figures.runs_figure([shown], ["percepts"])
-    axes = all_axes(figure)[0]
-    _, labels = axes.get_legend_handles_labels()
-    found = ended(shown.log)
-    assert (
-        labels == [f"{n} ({f.sum()})" for n, f in found.items() if f.any()]
-        and len(labels) == 2
-    )
-    hatches = [container[0].get_hatch() for container in axes.containers]
-    assert len(set(hatches)) == 2  # told apart without colour
-    below, above = axes.containers
-    assert [bar.get_y() for bar in above] == [bar.get_height() for bar in below]
-    assert set(figures.HATCHES) == set(OUTCOME_COLOURS)
-
-
 def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_path):
     place = tmp_path / "$x_{$_$y$" / "bag"
     shutil.copytree(bag, place)
@@ -199,9 +180,9 @@ def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_pa
 
 
 def test_what_a_source_has(trained, bag):
-    every = ["policy", "asks", "sparsity", "curves"]
+    every = ["policy", "asks", "curves"]
     assert figures.parse_whats(None, [open_run(trained)]) == every
-    assert figures.parse_whats(None, [open_run(bag)]) == [*every, "percepts"]
+    assert figures.parse_whats(None, [open_run(bag)]) == every
     with pytest.raises(SettingError, match=r"--what 'polcy': .*did you mean 'policy'"):
         figures.parse_whats("curves,polcy", [])
 
@@ -244,18 +225,6 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
     assert "env1, Factored\npenalty -100\n0.800 asks a robot" in [
         t.get_text() for t in axes.texts
     ]
-
-
-def test_the_scale_of_a_factored_q_coord_says_that_it_counts_rows(tmp_path):
-    options = ["--learner", "factored", "--steps", "500", "--trials", "0"]
-    assert main(["train", "env1", *options, "--out", str(tmp_path / "run")]) == 0
-    shown = open_run(tmp_path / "run")
-    [own, *_] = [tables.memory["rho_values"] for tables in shown.tables]
-    assert own.shape[1] == 4 and len(own) > 0
-    figure = figures.runs_figure([shown], ["sparsity"])
-    scales = [scale for axes in all_axes(figure) for scale in axes.child_axes]
-    labels = [scale.get_ylabel() for scale in scales]
-    assert "rows of corrections learned (four moves each)" in labels
 
 
 @pytest.mark.parametrize(("ending", "begins"), [("svg", b"<?xml"), ("PDF", b"%PDF")])
@@ -309,7 +278,6 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
         capsys, trained, "--out", tmp_path / "none/x.png"
     )
     assert "cannot be written" in said(capsys, trained, "--out", tmp_path / "d.png")
-    assert "has no bag" in said(capsys, trained, "--what", "percepts", "--out", out)
     assert "--dpi: value is" in said(capsys, trained, "--dpi", "1e9", "--out", out)
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "alone" in said(capsys, results, trained, "--out", out)

@@ -98,28 +98,6 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 
 
 @pytest.mark.parametrize(
-    ("name", "learner", "settings"),
-    [
-        ("env1", "coop", {}),
-        ("env1", "cq", {}),
-        ("crowd-3r", "coop", {"peers": "all"}),
-        ("crowd-3r", "factored", {}),
-    ],
-)
-def test_learned_joint_states(name, learner, settings):
-    rule = learner_of(learner)
-    asking = {"ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
-    if not rule.needs_map:
-        asking["q_star_init"] = 100
-    scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
-    begun = untrained(scenario, learner)
-    assert rule.learned_rows(scenario, begun.memory).sum() == 0
-    after = rule.learned_rows(scenario, learn(scenario, learner, 1)[0].memory)
-    assert after.shape == (len(scenario.map.cells),)
-    assert 0 < after.sum() < 0.6 * rule.rows_of_a_cell(scenario) * len(after)
-
-
-@pytest.mark.parametrize(
     ("name", "learner", "peers"),
     [("env1", "coop", "one"), ("env1", "factored", "one"), ("crowd-3r", "factored", "all"),
      ("crowd-3r", "coop", "all")],

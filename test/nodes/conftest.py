@@ -79,9 +79,8 @@ PATIENT = {
 class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
 
-    def __init__(self, stack: ExitStack, executor: str) -> None:
+    def __init__(self, stack: ExitStack) -> None:
         self._stack = stack.enter_context(ExitStack())
-        self._kind = executor
         self._places: dict[str, tuple] = {}
         self._nodes: dict[Node, object] = {}
         self._finished: set[Node] = set()
@@ -90,7 +89,7 @@ class Bench:
         """Return (context, executor) of that name; with a command line's arguments where given."""
         if name not in self._places:
             context = self._stack.enter_context(ros_context(arguments))
-            executor = make_executor(self._kind, context)
+            executor = make_executor(context)
             self._stack.callback(executor.shutdown)
             self._places[name] = (context, executor)
         return self._places[name]
@@ -290,31 +289,18 @@ def types(built_types):
         yield
 
 
-@pytest.fixture(scope="session")
-def executor_kind(request):
-    """Return the executor for the tests: that of the option --executor."""
-    return request.config.getoption("--executor")
-
-
 @pytest.fixture
-def bench(own_domain, executor_kind):
+def bench(own_domain):
     """Return a bench."""
     with ExitStack() as stack:
-        yield Bench(stack, executor_kind)
-
-
-@pytest.fixture
-def benches(own_domain, executor_kind):
-    """Return a maker of benches, for tests that need several or a certain executor."""
-    with ExitStack() as stack:
-        yield lambda executor=executor_kind: Bench(stack, executor)
+        yield Bench(stack)
 
 
 @pytest.fixture(scope="module")
-def module_bench(executor_kind):
+def module_bench():
     """Return a bench that the tests of a module share."""
     with ExitStack() as stack:
-        yield Bench(stack, executor_kind)
+        yield Bench(stack)
 
 
 @pytest.fixture(scope="session")
@@ -451,11 +437,10 @@ def start(own_domain, tmp_path):
 
 
 @pytest.fixture
-def start_node(start, executor_kind):
+def start_node(start):
     """Return a function that starts a node as a process; parameters as keywords."""
 
     def starter(module: str, name: str, **parameters) -> Process:
-        parameters = {"executor": executor_kind, **parameters}
         return start(f"nodes.{module}", *node_words(name, **parameters))
 
     return starter

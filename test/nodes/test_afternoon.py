@@ -47,7 +47,7 @@ def test_a_team_that_knows_its_map_learns_while_it_drives(bench, tmp_path):
     for robot in ("robot_1", "robot_2"):
         values = {"robot": robot, **DRIVEN}
         bench.add(DriverNode(context=context, name=f"{robot}_driver", values=values))
-    bench.add(BodyNode(context=context, values={"period": 0.25}))
+    bench.add(BodyNode(context=context, values={}, period=0.25))
     bench.spin_until_done()
     gather(out, world.run.scenario, interrupted=False)
 

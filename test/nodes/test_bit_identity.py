@@ -45,14 +45,13 @@ GAMES = {
             "steps": 150,
             "peers": "all",
             "perception": "probability:0.7",
-            "link": "bursts:0.1:0.2",
             "penalty": -100,
             "common_reward": "each:1:0.5:2",
             "interactions": "together:any_doorway",
         },
-        {"executor": "events", "record": True, "namespace": "team_a"},
+        {"record": True, "namespace": "team_a"},
     ),
-    "noncoop": ("env1", {"steps": 150}, {"executor": "single", "record": False}),
+    "noncoop": ("env1", {"steps": 150}, {"record": False}),
     "factored": (
         "env2-4r",
         {
@@ -77,8 +76,8 @@ GAMES = {
     ),
 }
 """Of each learner: a game that shows what its robots say to one another, its settings, and how the
-team is run. Links fail; robots perceive all peers, and are paid differently; one world has a
-referee; robots mark cells; robots
+team is run. Percepts fail; robots perceive all peers, and are paid differently; robots know with
+whom they interacted; robots mark cells; robots
 stop each other, pay for exchanges, and are paid for help."""
 
 
@@ -159,7 +158,7 @@ def test_the_games_show_what_they_are_for(played):
     assert min(seen.count(None), len(seen) - seen.count(None)) > 5
     assert {len(peers) for peers in seen if peers} == {2}
     _, _, factored, _ = played("factored")
-    assert factored.scenario.referee and factored.percepts
+    assert factored.percepts
     assert any(len(tables.memory["rho_keys"]) for tables in factored.tables)
     _, _, hysteretic, _ = played("hysteretic")
     common = {reward.common for reward in hysteretic.rewards.values()}

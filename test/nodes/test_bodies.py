@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team whose robots have bodies: the same lock step, the same bits, and poses in between."""
 
+import re
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
@@ -29,6 +32,8 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import mover
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
@@ -72,8 +77,7 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     bench, tmp_path, simulate, assert_same_tables
 ):
     out = tmp_path / "out"
-    paths = tmp_path / "paths.npz"
-    world, *_, body = with_bodies(bench, out, body={"paths": str(paths)})
+    world, *_, body = with_bodies(bench, out)
     poses = bench.observer().listen(PoseStamped, "robot_1/pose")
     bench.spin_until_done()
     gather(out, world.run.scenario, interrupted=False)
@@ -82,11 +86,8 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert (summary["moves_failed"], summary["bodies_lost"]) == (0, 0)
     assert summary["body_seconds"] > 0
     assert len(poses) > 8 and poses[0].header.frame_id == "map"
-    with np.load(paths) as kept:
-        assert kept["poses"].shape[1:] == (2, 3)
-        assert (np.diff(kept["seconds"]) >= 0).all()
-        last = kept["poses"][-1]
-    for cell, (x, y, _) in zip(world.lockstep.world.cells, last, strict=True):
+    last = [body.pose[:2] for body in body.simulator.bodies]
+    for cell, (x, y) in zip(world.lockstep.world.cells, last, strict=True):
         assert np.hypot(*np.subtract(world.topics.convert.centres[cell], (x, y))) < 0.5
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
@@ -211,14 +212,13 @@ def test_drivers_that_are_missing_are_named(bench, tmp_path):
 
 
 @pytest.mark.long
-def test_in_many_processes_the_same_bits_and_paths(
+def test_in_many_processes_the_same_bits_seconds_and_touches(
     start_node, tmp_path, simulate, assert_same_tables
 ):
     found = []
     for run in ("one", "two"):
         out = tmp_path / run
-        paths = tmp_path / f"{run}.npz"
-        nodes = [start_node("body", "body", paths=paths)]
+        nodes = [start_node("body", "body")]
         for name in ROBOTS:
             nodes.append(start_node("driver", f"{name}_driver", robot=name, **QUICK))
             nodes.append(start_node("robot", name, out=out))
@@ -236,9 +236,7 @@ def test_in_many_processes_the_same_bits_and_paths(
         scenario = load_scenario("env1", steps=60)
         gather(out, scenario, interrupted=False)
         assert_same_tables(out, simulate("env1", {"steps": 60}, seed=7))
-        with np.load(paths) as kept:
-            _, first = np.unique(kept["seconds"], return_index=True)
-            found.append(kept["poses"][first].tobytes())
+        found.append(re.search(r"bodies: (seconds .*)", nodes[0].output)[1])
     assert found[0] == found[1]
 
 
@@ -258,22 +256,74 @@ def test_without_its_driver_a_body_has_not_moved_and_the_world_goes_on(bench, tm
     )
 
 
-def test_pause_step_and_reset(bench, tmp_path):
-    world, *_ = with_bodies(bench, tmp_path / "out", steps=400)
-    bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
+def hold(observer, paused):
+    """Pause a team, or let it go on."""
+    request = SetBool.Request(data=paused)
+    assert observer.call(SetBool, "world_simulator/pause", request).success
+
+
+def spin_for(bench, seconds):
+    end = time.monotonic() + seconds
+    bench.spin_until(
+        lambda: time.monotonic() > end, "time passes", seconds=seconds + 60.0
+    )
+
+
+def test_while_the_team_is_paused_all_bodies_stand(bench, tmp_path):
+    """No time limit of a move runs meanwhile, neither the driver's nor the world's."""
+    world, _, drivers, _ = with_bodies(
+        bench, tmp_path / "out", steps=4000, body={"body_rate": 30.0}, body_timeout=1.0
+    )
+    made = world.lockstep.world
+    bench.spin_until(lambda: made.transitions > 2, "under way")
     observer = bench.observer()
-    observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True))
+    commands = [observer.listen(Twist, f"{robot}/cmd_vel") for robot in ROBOTS]
+    said = observer.listen(DiagnosticArray, "/diagnostics")
+    hold(observer, True)
+    stands = [Twist()] * 5  # commands of before may still be under way
     bench.spin_until(
-        lambda: world.lockstep.complete and not world.bodies.side.waiting, "all stand"
+        lambda: all(heard[-5:] == stands for heard in commands), "only these come"
     )
-    before = world.lockstep.world.transitions
+    for heard in [*commands, said]:
+        heard.clear()
+    before = made.transitions, world.summary()["moves_failed"]
+    spin_for(bench, 1.3)  # longer than body_timeout
+    assert (made.transitions, world.summary()["moves_failed"]) == before
+    for heard in commands:
+        assert len(heard) > 5, "a base that missed a command hears another one"
+        assert all(command == Twist() for command in heard)
+    doing = {one.name: one.message for message in said for one in message.status}
+    for robot in ROBOTS:
+        assert doing[f"{robot}_driver: driving"] == "paused: stands"
+    bench.destroy(drivers[1])
+    values = {"robot": "robot_2", **QUICK}
+    context = bench.place()[0]
+    late = bench.add(DriverNode(context=context, name="robot_2_driver", values=values))
+    bench.spin_until(lambda: late.on_duty, "another driver is on duty")
+    spin_for(bench, 0.5)
+    assert late.held and made.transitions == before[0]
+    assert all(command == Twist() for command in commands[1])
+    hold(observer, False)
+    bench.spin_until(lambda: made.transitions > before[0] + 2, "it goes on")
+
+
+def test_for_a_single_step_bodies_move_and_then_stand_again(bench, tmp_path):
+    world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
+    made = world.lockstep.world
+    bench.spin_until(lambda: made.transitions > 1, "under way")
+    observer = bench.observer()
+    hold(observer, True)
+    bench.spin_until(
+        lambda: world.lockstep.complete and all(one.held for one in drivers),
+        "all stand",
+    )
+    before = made.transitions
     assert observer.call(Trigger, "world_simulator/step").success
-    bench.spin_until(lambda: world.lockstep.world.transitions == before + 1, "one step")
+    bench.spin_until(lambda: made.transitions == before + 1, "one step")
+    bench.spin_until(lambda: all(one.held for one in drivers), "all stand again")
     observer.call(Trigger, "world_simulator/reset")
-    observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False))
-    bench.spin_until(
-        lambda: world.lockstep.world.transitions > before + 4, "it goes on"
-    )
+    hold(observer, False)
+    bench.spin_until(lambda: made.transitions > before + 4, "it goes on")
 
 
 def test_at_their_own_speed(bench, tmp_path):
@@ -290,9 +340,9 @@ def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
     world.remind = lambda reminder, for_whom: waited.append(reminder.due(bodies.now))
     bodies.side.made((Action(SOUTH, False, -1, False),) * 2)
     for bodies.now in (0.0, 100.0):
-        bodies.look(bodies.now)
+        bodies.look(bodies.now, held=False)
     bodies.send(Goals(1, 1, False, 0.0, (BodyGoal(0, 0, 1),)))
-    bodies.look(bodies.now)
+    bodies.look(bodies.now, held=False)
     assert waited == [0.0, 100.0, 0.0]
 
 
@@ -470,6 +520,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     bench.spin_until(lambda: run, "the run is announced")
     driver.hear("run", run[0])
     driver.tick()
+    driver.world_said(RunStatus(world.run.id, RunState.LEARNING, 1, 0))
     driver.hear("goals", convert.goals_message(goals))
     driver.hear("robot_1/pose", pose)
 
@@ -481,15 +532,11 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     driver.destroy_node()
 
 
-def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
+def test_an_inactive_driver_waits_for_its_activation(bench):
     bench.world(bodies=True, set=["steps=5"])
-    values = {
-        "robot": "robot_1",
-        "autostart": False,
-        "stamped": True,
-        "frame_prefix": "a_",
-    }
+    values = {"robot": "robot_1", "stamped": True, "frame_prefix": "a_"}
     driver = bench.add(DriverNode(context=bench.place()[0], values=values))
+    driver.trigger_deactivate()
     observer = bench.observer()
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
     commands = observer.listen(TwistStamped, "robot_1/cmd_vel")
@@ -502,10 +549,9 @@ def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
         poses, pose, lambda: driver.driver.pose is not None, "the pose is there"
     )
     assert not driver.on_duty and not driver.active
-    driver.trigger_configure()
     driver.trigger_activate()
     bench.spin_until(lambda: driver.on_duty, "it reports for duty")
-    driver.halt()
+    driver.stop()
     bench.spin_until(lambda: commands, "a stamped command")
     assert commands[0].header.frame_id == "a_robot_1/base_link"
     assert commands[0].header.stamp.sec > 0 and commands[0].twist == Twist()

@@ -100,7 +100,7 @@ def test_reads_labels_in_any_order_and_among_others(labels):
 
 
 def test_reads_what_a_publisher_of_messages_sends(bench):
-    message = labelled(REWARD.labels, [1.0, 2.0, 3.0, 4.0])
+    message = labelled(REWARD.labels, [1.0, 2.0, 3.0, 4.0, 5.0])
     publisher = bench.observer().create_publisher(JointState, "reward", 10)
     reader = bench.add(Node("reader", context=bench.place()[0]))
     got = []
@@ -114,14 +114,14 @@ def test_reads_what_a_publisher_of_messages_sends(bench):
         return got
 
     bench.spin_until(arrived, "message")
-    mine = REWARD_FORM.layout.pack(5, 6, 1.0, 2.0, 3.0, 4.0)
+    mine = REWARD_FORM.layout.pack(5, 6, 1.0, 2.0, 3.0, 4.0, 5.0)
     assert len(mine) == len(got[0])
     assert all(a == b or a == 0 for a, b in zip(mine, got[0], strict=True))
-    assert said(REWARD_FORM, message) == (5_000_000_006, [1.0, 2.0, 3.0, 4.0])
+    assert said(REWARD_FORM, message) == (5_000_000_006, [1.0, 2.0, 3.0, 4.0, 5.0])
 
 
 def test_another_message_has_another_layout():
-    data = bytearray(REWARD_FORM.layout.pack(1, 2, 3.0, 4.0, 5.0, 6.0))
+    data = bytearray(REWARD_FORM.layout.pack(1, 2, 3.0, 4.0, 5.0, 6.0, 7.0))
     data[data.index(b"common\0") + 7] = 0xEE  # between the fields
     assert REWARD_FORM.layout.unpack(bytes(data)) is None
     assert REWARD_FORM.layout.unpack(bytes(data[:-1])) is None
@@ -135,22 +135,22 @@ def test_reads_an_action_among_other_numbers():
 
 
 def test_reads_a_message_that_says_velocities_too():
-    message = labelled(REWARD.labels, [1.0, 2.0, 3.0, 4.0])
+    message = labelled(REWARD.labels, [1.0, 2.0, 3.0, 4.0, 5.0])
     message.velocity = [0.5]
-    assert said(REWARD_FORM, message)[1] == [1.0, 2.0, 3.0, 4.0]
+    assert said(REWARD_FORM, message)[1] == [1.0, 2.0, 3.0, 4.0, 5.0]
 
 
 @pytest.mark.parametrize(
     ("labels", "count", "text"),
     [
-        (REWARD.labels[1:], 3, "has no number labelled individual"),
-        (REWARD.labels, 3, "has 4 labels and 3 numbers"),
+        (REWARD.labels[1:], 4, "has no number labelled individual"),
+        (REWARD.labels, 3, "has 5 labels and 3 numbers"),
         (
             (*REWARD.labels[:3], "common"),
             4,
             "labels a number twice: individual, common, ask_c",
         ),
-        ((), 0, "has no number labelled individual, common, ask_cost, total"),
+        ((), 0, "has no number labelled individual, common, ask_cost, total, partners"),
     ],
 )
 def test_says_which_labels_do_not_fit(labels, count, text):

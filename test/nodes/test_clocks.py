@@ -100,7 +100,7 @@ def fleets(bench, tmp_path):
                 values = {"robot": robot, "pose_type": "tf", "speed": 2.0, "turn": 6.0}
                 bench.add(DriverNode(name=f"{robot}_driver", values=values, **place))
             if bodies:
-                bench.add(BodyNode(values={"body_clock": True}, **place))
+                bench.add(BodyNode(values={}, **place))
         return worlds
 
     return start

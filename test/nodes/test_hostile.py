@@ -32,7 +32,7 @@ from sparse_coord_ros.ros.nodes.environment import (
     check_security,
 )
 from sparse_coord_ros.ros.nodes.messages import status
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, ParameterNode
+from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import ending, ros_context, run_node, signals
@@ -134,11 +134,8 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
 class Faulty(ParameterNode):
     """A node whose timer raises an unexpected error."""
 
-    def __init__(self, context, error, executor):
-        table = SettingTable([PARAMETERS["robot"]["executor"]])
-        super().__init__(
-            "faulty", table, context=context, values={"executor": executor}
-        )
+    def __init__(self, context, error):
+        super().__init__("faulty", SettingTable([]), context=context, values={})
         self.said = []
         self.create_timer(0.01, lambda: self._raise(error))
 
@@ -151,24 +148,21 @@ class Faulty(ParameterNode):
 
 
 @pytest.mark.parametrize(
-    ("executor", "error", "code", "text", "told"),
+    ("error", "code", "text", "told"),
     [
         (
-            "events",
             KeyError("x"),
             1,
             "error: unexpected KeyError: 'x' (",
             "Traceback (most recent call",
         ),
         (
-            "single",
             RunError("no such thing"),
             2,
             "error: no such thing",
             "no such thing",
         ),
         (
-            "events",
             OSError(28, "No space left", "/a/b"),
             2,
             "error: /a/b: No space left; ",
@@ -176,16 +170,13 @@ class Faulty(ParameterNode):
         ),
     ],
 )
-def test_any_exception_saves_and_is_told(
-    benches, capfd, executor, error, code, text, told
-):
+def test_any_exception_saves_and_is_told(bench, capfd, error, code, text, told):
     """The error is one line, with an exit code, and on /rosout."""
-    bench = benches(executor)
     heard = bench.observer().listen(Log, "/rosout", latched=True)
     nodes = []
 
     def make(context):
-        nodes.append(Faulty(context, error, executor))
+        nodes.append(Faulty(context, error))
         return nodes[0]
 
     assert run_node(make, []) == code

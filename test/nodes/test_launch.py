@@ -153,7 +153,6 @@ def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(
 
 
 TRUE_OR_FALSE = "allowed: true or false"
-OTHER_CLOCK = "argument body_clock: value is true, but the world"
 REFUSED = [
     ("team", {"greedy": "ture"}, f"argument greedy: value is 'ture', {TRUE_OR_FALSE}"),
     (
@@ -173,14 +172,8 @@ REFUSED = [
         "unknown setting 'penaltie' (did you mean 'penalty'",
     ),
     ("team", {"clock": "sun"}, "argument clock: value is 'sun', allowed: own or none"),
-    ("bodies", {"clock": "own", "body_clock": "true"}, OTHER_CLOCK),
     ("lab", {"robots": "tb1"}, "argument robots: 1 names, allowed: 2"),
     ("practice", {"robots": "tb1"}, "argument robots: 1 names, allowed: 2"),
-    (
-        "practice",
-        {"fault": "fire"},
-        "argument fault: value is 'fire', allowed: none or",
-    ),
 ]
 """Launch file, arguments, and the end of the launch."""
 
@@ -229,27 +222,20 @@ def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "clock", "body_clock", "sim_time"),
+    ("given", "clock", "own", "sim_time"),
     [
         ({}, "none", True, True),
         ({"use_sim_time": "false"}, "none", True, False),
-        ({"body_clock": "false"}, "none", False, False),
-        ({"clock": "own"}, "own", False, False),
-        ({"simulate": "false"}, "none", None, False),
-        ({"simulate": "false", "use_sim_time": "true"}, "none", None, True),
+        ({"clock": "own"}, "own", True, False),
+        ({"simulate": "false"}, "none", False, False),
+        ({"simulate": "false", "use_sim_time": "true"}, "none", False, True),
     ],
 )
-def test_simulated_bodies_own_the_clock(
-    nodes, tmp_path, given, clock, body_clock, sim_time
-):
+def test_simulated_bodies_own_the_clock(nodes, tmp_path, given, clock, own, sim_time):
     found = nodes("bodies", out=str(tmp_path / "run"), **given)
     assert values(found[0])["clock"] == clock
-    assert values(found[-1]).get("body_clock") == body_clock
     assert all(values(node)["use_sim_time"] == sim_time for node in found)
-    own = clock == "own" or body_clock
-    assert all(
-        node["remappings"] == [("/clock", "clock")] * bool(own) for node in found
-    )
+    assert all(node["remappings"] == [("/clock", "clock")] * own for node in found)
 
 
 def test_a_misspelt_argument_name_is_warned_of(
@@ -301,9 +287,7 @@ def test_the_arguments_show_their_real_defaults(shown):
     assert [
         team[name][0] for name in ("scenario", "seed", "record", "clock", "out")
     ] == [*("env1", "0", "true", "own", "")]
-    assert [bodies[name][0] for name in ("clock", "body_clock", "use_sim_time")] == [
-        *("none", "true", "true")
-    ]
+    assert [bodies[name][0] for name in ("clock", "use_sim_time")] == ["none", "true"]
     assert [
         lab[name][0] for name in ("clock", "slips", "epsilon", "checkpoint", "near")
     ] == [*("none", "false", "constant:0", "100", "0.1")]
@@ -316,12 +300,12 @@ def test_the_arguments_show_their_real_defaults(shown):
 
 
 def test_practice_puts_a_base_at_each_start(nodes):
-    [stand_in] = nodes("practice", scenario="env1", robots="tb1,tb2", fault="abort")
+    [stand_in] = nodes("practice", scenario="env1", robots="tb1,tb2")
     assert stand_in["executable"] == "nav2_stand_in"
     assert values(stand_in) == {
         "bases": ["tb1", "tb2"],
         "places": ["0.5,4.5", "4.5,4.5"],
-        "fault": "abort",
+        "speed": 0.3,
     }
     [stand_in] = nodes("practice", scenario="env2-4r")
     assert values(stand_in)["bases"] == ["robot_1", "robot_2", "robot_3", "robot_4"]
@@ -348,14 +332,14 @@ def test_bodies_have_drivers_and_a_simulator(nodes, tmp_path):
 
 
 def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
-    found = nodes("lab", out=str(tmp_path / "run"), robots="/tb1, tb2", detour="5")
+    found = nodes("lab", out=str(tmp_path / "run"), robots="/tb1, tb2", near="0.2")
     assert executables(found)[-2:] == ["nav2_driver"] * 2
     said = values(found[-1])
     assert (said["robot"], said["action"]) == ("robot_2", "/tb2/navigate_to_pose")
-    assert (said["pose_type"], said["base_frame"], said["detour"]) == (
+    assert (said["pose_type"], said["base_frame"], said["near"]) == (
         "tf",
         "base_link",
-        5.0,
+        0.2,
     )
     assert ("tf", "/tb2/tf") in found[-1]["remappings"]
     own = {"slips": False, "epsilon": "constant:0", "checkpoint": 100, "clock": "none"}

@@ -3,7 +3,6 @@
 """A robot in its run: its new subscriptions when the team goes back, and its end."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from std_msgs.msg import String
@@ -94,15 +93,6 @@ def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
     assert node.presence.ended == ended
     assert node.member.all_done(ended + LAST_REWARD_SECONDS) is done
     assert node.member.all_done(ended + LAST_REWARD_SECONDS + 0.1)
-
-
-def test_a_robot_that_plans_leaves_when_the_exchange_is_over(begun):
-    node = begun(learner="factored", improve=True)
-    walk(node.member.lockstep, rewarded=(1, 2), until=END)
-    say(node, RunState.FINISHED, END, END)
-    for over in (False, True):
-        node.member.exchange = SimpleNamespace(over=lambda over=over: over)
-        assert node.member.all_done(node.presence.ended) is over
 
 
 def test_who_goes_back_listens_anew(begun):

@@ -74,16 +74,13 @@ PARTS = st.lists(
 )
 
 
-@pytest.mark.parametrize("referee", [False, True])
 @given(parts=PARTS)
-def test_rewards_come_back(referee, parts):
-    scenario = load_scenario("env1").with_settings({"referee": referee})
-    convert = Converter(make_run(scenario, {}))
-    reward = Reward(*parts, *((2,) if referee else ()))
+def test_rewards_come_back(parts):
+    convert = Converter(make_run(load_scenario("env1"), {}))
+    reward = Reward(*parts, 2)
     data = convert.pack_reward(12, reward)
     assert convert.unpack_reward(data) == (12, reward)
-    labels = [*REWARD.labels, *(["partners"] if referee else [])]
-    assert list(deserialize_message(data, JointState).name) == labels
+    assert list(deserialize_message(data, JointState).name) == list(REWARD.labels)
 
 
 NORTH_AND_EAST = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
@@ -260,7 +257,7 @@ def test_values_of_a_status_come_back():
 # Messages that are not of a run.
 
 STATE = {"x": 1.5, "y": 4.5, "z": 0.0}
-PAID = dict(zip(REWARD.labels, (1.0, 0.0, 0.0, 1.0), strict=True))
+PAID = dict(zip(REWARD.labels, (1.0, 0.0, 0.0, 1.0, 0.0), strict=True))
 ACTED = dict(zip(ACTION.labels, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), strict=True))
 SAID = RunStatus("", "learning", 7, 6).values()
 BEGUN = Progress("life", 40, 39, (0, 20), "order", True)

@@ -35,7 +35,7 @@ from sparse_coord_ros.ros.nodes.ros_topics import STEP_QOS
 from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
 
 with ros_context() as context:
-    executor = make_executor("single", context)
+    executor = make_executor(context)
     speaker = Node("speaker", context=context)
     publisher = speaker.create_publisher(Int32, "numbers", STEP_QOS)
     for number in range({before}):

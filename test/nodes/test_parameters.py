@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes: described, checked at once, and fixed except the rate."""
 
-import re
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,16 +9,12 @@ from pathlib import Path
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
-    DescribeParameters,
     GetParameters,
-    GetParameterTypes,
     ListParameters,
     SetParameters,
-    SetParametersAtomically,
 )
 from rclpy.parameter import parameter_value_to_python
 
-from sparse_coord_ros.base.limits import ASKED
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.ros.nodes import (
     driver,
@@ -95,8 +90,6 @@ def test_ranges_are_in_the_descriptors(made):
     assert constraints == "allowed: a number from 0.001 to 60"
     constraints = node.describe_parameter("step_timeout").additional_constraints
     assert constraints == "allowed: a number of at least 0.1"
-    constraints = node.describe_parameter("executor").additional_constraints
-    assert constraints == "allowed: events or single"
 
 
 def test_no_scenario_setting_is_called_like_a_parameter():
@@ -111,7 +104,6 @@ def test_a_node_minds_only_its_own_of_a_teams_parameters(made, name):
         "out": "x",
         "seed": 7,
         "record": True,
-        "compression": "lz4",
         "world_timeout": 9.0,
         "penalty": -100.0,
         "perception": "never",
@@ -166,17 +158,10 @@ REFUSED = [
         ["scenario:=env1", "learner:=joint"],
         "from the cells and actions of all robots;",
     ),
-    (WORLD, ["scenario:=env1", "improve:=true"], "learner coop keeps no model"),
-    (
-        WORLD,
-        ["scenario:=env1", "learner:=factored", "improve:=true", "greedy:=true"],
-        "a greedy run learns nothing",
-    ),
     (WORLD, ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
     (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
     ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
     ("robot", [f"out:={__file__}"], NO_DIRECTORY),
-    ("recorder", ["executor:=fast"], "parameter executor: value is 'fast', allowed:"),
     ("recorder", [f"out:={__file__}/a"], f"as {__file__} is no directory; choose"),
     ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
     ("player", [], f"parameter bag: {NONE_GIVEN}bag:=DIRECTORY"),
@@ -270,30 +255,6 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
         GetParameters, "world_simulator/get_parameters", request
     ).values
     assert [parameter_value_to_python(value) for value in values] == [0.0, 0]
-
-
-def test_more_parameters_than_a_request_may_name_get_an_empty_answer(bench, capfd):
-    """Each costs rclpy's service time in Python: 200,000 names took 10 s of the lock step."""
-    world = bench.world()
-    observer = bench.observer()
-
-    def answer(kind, **asked):
-        name = re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
-        return observer.call(kind, f"world_simulator/{name}", kind.Request(**asked))
-
-    assert len(answer(GetParameters, names=["seed"] * ASKED).values) == ASKED
-    many = [Parameter(name="rate", value=double(100.0))] * (ASKED + 1)
-    texts = ["rate"] * (ASKED + 1)
-    assert not answer(GetParameters, names=texts).values
-    assert not answer(GetParameterTypes, names=texts).types
-    assert not answer(DescribeParameters, names=texts).descriptors
-    assert not answer(ListParameters, prefixes=texts).result.names
-    assert not answer(SetParameters, parameters=many).results
-    assert not answer(SetParametersAtomically, parameters=many).result.successful
-    assert world.values["rate"] == 0.0 and world.failure is None
-    assert world.subscriber.dropped.total() == len(world.subscriber.dropped) == 6
-    text = "get_parameters: 1,001 parameters in one request; allowed: 1,000; request refused"
-    assert text in capfd.readouterr().err
 
 
 def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):

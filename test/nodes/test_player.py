@@ -414,7 +414,7 @@ def test_the_verb_plays_to_the_end_and_says_how_well(bag, capfd):
 
 
 def test_a_signal_ends_it_cleanly(ended_by, bag):
-    given = (f"bag:={bag}", "rate:=0.01", "executor:=single")
+    given = (f"bag:={bag}", "rate:=0.01")
     code, said = ended_by(main, signal.SIGTERM, "/robot_1/action", *given)
     assert code == 0
     assert "stopped at" in said and "Traceback" not in said

@@ -18,21 +18,22 @@ from teams import tables_in
 
 import sparse_coord_ros
 from sparse_coord_ros.base.errors import BagError, RunError
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import RUN_RECORD, load_run
 from sparse_coord_ros.log.bags import BagWriter, open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.protocol.wire import FORMAT_KEY
 from sparse_coord_ros.ros.nodes.recorder import BagProcess
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
-FULL = 400_000
+FULL = 60_000
 """Bytes of a file at which the disk is full."""
 STEPS_UNTIL_FULL = 700
-"""More time steps than such a file holds, uncompressed."""
+"""More time steps than such a file holds."""
 WRITER = "sparse_coord_ros.log.bags.process"
 PERIOD_NS = 100_000_000
 NEVER = {"flush_seconds": 3600.0, "flush_steps": 10_000_000}
@@ -156,8 +157,6 @@ def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, full_di
     arguments = [
         "--steps",
         str(STEPS_UNTIL_FULL),
-        "--compression",
-        "none",
         "--out",
         str(out),
     ]
@@ -228,7 +227,7 @@ def test_a_recorder_that_stood_still_says_so(bench, tmp_path, capfd):
 
 def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
-        writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(BAG_FORMAT), "id": "another"})
+        writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(FORMAT), "id": "another"})
     bench.world(recorded=True)
     bench.recorder(tmp_path / "bag", resume=True)
     with pytest.raises(RunError, match=str(tmp_path / "bag")):

@@ -22,8 +22,6 @@ FOR_SIM_TIME = {"/clock"}
 """A node under use_sim_time subscribes to it too."""
 WITH_TF2 = {"/tf"}
 """Published where tf2_msgs is there."""
-IN_AN_EXCHANGE = {f"/{name}/learned" for name in NAMES}
-"""Served and asked only by robots of a run that is to improve."""
 EVERY_NODE = {"/parameter_events"}
 """Possible subscriptions of rclpy's parameter callbacks."""
 
@@ -58,9 +56,5 @@ def test_each_node_may_do_what_it_does(team, node, tag, action, question):
     does = {name for name, _ in getattr(team, question)(node, "/")}
     may = allowed(node, tag, action)
     assert does - may == set(), "is not allowed"
-    beside = (
-        (FOR_SIM_TIME | EVERY_NODE)
-        if action == "subscribe"
-        else WITH_TF2 | IN_AN_EXCHANGE
-    )
+    beside = FOR_SIM_TIME | EVERY_NODE if action == "subscribe" else WITH_TF2
     assert may - does - beside == set(), "is allowed, but not done"

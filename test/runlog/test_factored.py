@@ -6,7 +6,6 @@ import struct
 
 import pytest
 
-from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.run import learn
@@ -30,10 +29,10 @@ def stamp(nanoseconds):
 
 @pytest.fixture(scope="module")
 def logged(record):
-    """Return logs of two robots, and of four whose world has a referee, by their number."""
+    """Return logs of two robots, and of four, by their number."""
     made = {}
-    for name, success, link in (("env2-2r", 0.8, "lost:0.3"), ("env2-4r", 0.85, "up")):
-        settings = {**EXPLORING, "perception": f"probability:{success}", "link": link}
+    for name, success in (("env2-2r", 0.6), ("env2-4r", 0.85)):
+        settings = {**EXPLORING, "perception": f"probability:{success}"}
         one = record(name, settings, values={"learner": "factored"})
         made[len(one.names)] = one
     return made
@@ -87,8 +86,6 @@ def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_pat
         together.sum() > 4
         and (log.rewards[..., -1][log.reward[..., 1] == 0] == 0).all()
     )
-    plain = read_run(logged[2].bag).rewards[..., -1]
-    assert (plain != plain).all() and UNKNOWN_PARTNERS == -1  # NaN: nobody says
     row, k = (int(n) for n in next(zip(*together.nonzero(), strict=True)))
     topic = f"/{log.names[k]}/reward"
 

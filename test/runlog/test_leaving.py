@@ -7,6 +7,8 @@ import pytest
 
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.streams import LEAVE, Stream
+from sparse_coord_ros.core.learners.factored import LEAVING_SHARE
+from sparse_coord_ros.core.learners.policy import LEAVING
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import (
     MAY_HAVE_LEFT,
@@ -16,19 +18,15 @@ from sparse_coord_ros.log.runlog.explain import (
     may_have_left,
 )
 
-TEAMS = {
-    "pair": ("env1", {"steps": 600, "penalty": -100, "stand_off": "leave:0.5:0.9"}),
-    "three, by default": ("crowd-3r", {"steps": 600}),
-}
-
 WHY = "  asked twice in a row, saw that no robot moved, and leaves at random"
 
 
-@pytest.fixture(scope="module", params=TEAMS)
-def log(record, request):
-    name, settings = TEAMS[request.param]
-    values = {"checkpoint": 100, "learner": "factored"}
-    return read_run(record(name, settings=settings, values=values).bag)
+VALUES = {"checkpoint": 100, "learner": "factored"}
+
+
+@pytest.fixture(scope="module")
+def log(record):
+    return read_run(record("crowd-3r", settings={"steps": 600}, values=VALUES).bag)
 
 
 def told(log):
@@ -62,11 +60,10 @@ def test_each_move_that_the_values_do_not_say_is_told_as_left_at_random(log):
         left += 1
         assert asked_twice_and_saw_no_robot_move(log, one)
         assert log.run.scenario.map.next_cell[one.cell, one.move] != one.cell
-        chance, share = log.run.scenario.stand_off.numbers
-        assert Stream(log.run.seed, one.robot, LEAVE).at(one.step)[0] < chance
+        assert Stream(log.run.seed, one.robot, LEAVE).at(one.step)[0] < LEAVING
         assert one.q_values[one.waiting_move] == best
-        assert one.q_values[one.move] >= (1 - share) * best
-        assert why == [f"{WHY} (probability {chance:g})"]
+        assert one.q_values[one.move] >= (1 - LEAVING_SHARE) * best
+        assert why == [f"{WHY} (probability {LEAVING:g})"]
         row = ", ".join(map(str, (one.cell, *one.perceived)))
         place = lines.index(why[0])
         assert lines[place + 1].startswith(
@@ -76,9 +73,9 @@ def test_each_move_that_the_values_do_not_say_is_told_as_left_at_random(log):
     assert left >= 2
 
 
-def test_robots_that_wait_leave_nothing(record):
-    settings = {**TEAMS["pair"][1], "stand_off": "wait"}
-    log = read_run(record(settings=settings, values={"learner": "factored"}).bag)
+def test_a_pair_leaves_no_stand_off(record):
+    settings = {"steps": 600, "penalty": -100}
+    log = read_run(record(settings=settings, values=VALUES).bag)
     assert all(one.waiting_move is None for one, _ in told(log))
     assert not any(MAY_HAVE_LEFT in line for _, lines in told(log) for line in lines)
 

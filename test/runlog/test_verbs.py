@@ -122,6 +122,7 @@ def test_info(sparse_coord, good):
     code, out, err = sparse_coord("info", good.bag)
     assert (code, err) == (0, "")
     assert "bytes, finished" in out and "scenario env1, seed 7, learner coop" in out
+    assert "\nrepeat it: sparse_coord train env1 --learner coop --seed 7 --set " in out
     rows = {
         line.split()[0]: line.split()[1:]
         for line in out.splitlines()

@@ -4,15 +4,11 @@
 
 import math
 
-import forging
 import numpy as np
 import pytest
-from forging import Forgery
-from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
-from recordings import OFTEN, recorded, with_tables
-from sensor_msgs.msg import JointState
+from recordings import with_tables
 from visualization_msgs.msg import MarkerArray
 
 import sparse_coord_ros as sc
@@ -218,63 +214,6 @@ def test_a_changed_reward(alter, convert, log, moved, label, value, said):
     found = alter(on("/robot_2/reward", moved, convert, data))
     is_first(found, moved, "robot_2", "reward")
     assert f"{label}={said}" in found.first.logged
-
-
-@pytest.mark.parametrize("topic", ["action", "percept"])
-def test_no_node_writes_a_zero_with_a_sign(tmp_path, topic):
-    """Each field that is 0.0 in some message in turn; cells of this map lie at 0.0."""
-    bag = forging.read(
-        recorded(tmp_path / "run", at_zero(tmp_path), {**OFTEN, "steps": 40}).bag
-    )
-    name = f"/robot_1/{topic}"
-    zeros = [
-        Forgery("field", (name, number, path), "negative")
-        for number, (file, place) in enumerate(forging.places_of(bag, name)[:8])
-        for path, value in forging.leaves(decoded(file.messages[place], topic))
-        if isinstance(value, float)
-        and value == 0.0
-        and (path[-1] in {"x", "y"} or topic == "action")
-        if "orientation" not in path
-    ]
-    assert len(zeros) > 8
-    paths = {zero.target[2]: zero for zero in zeros}
-    for n, zero in enumerate(paths.values()):
-        found = verify(forging.write(forging.forged(bag, [zero]), tmp_path / f"{n}"))
-        assert not found.same, zero
-
-
-@pytest.mark.parametrize("learner", ["coop", "factored", "cq"])
-def test_all_that_a_robot_remembers_is_compared(tmp_path, learner):
-    """An element of each array of its last tables in turn, also of the rest of its memory."""
-    settings = {**OFTEN, "steps": 60, "penalty": -50}
-    bag = forging.read(
-        recorded(tmp_path / "run", "env1", settings, values={"learner": learner}).bag
-    )
-    [*_, last] = [
-        one for one in bag[-1].attachments if one.name.startswith("tables/robot_2_")
-    ]
-    arrays = forging.unpacked(last.data)
-    del arrays["format"]
-    filled = [name for name, array in arrays.items() if array.size]
-    assert len(filled) >= {"coop": 12, "factored": 20, "cq": 10}[learner]
-    for name in filled:
-        forged = forging.forged(bag, [Forgery("entry", (last.name, name, 0), "far")])
-        found = verify(forging.write(forged, tmp_path / name))
-        assert found.first.robot == "robot_2", name
-        assert found.first.quantity.startswith("tables"), name
-
-
-def at_zero(folder):
-    text = "title: door\\nresolution: 1.0\\norigin: [-0.5, -0.5]\\n---\\n1.D.2\\n"
-    ends = "robots: {robot_1: {start: 1, goal: 2}, robot_2: {start: 2, goal: 1}}\n"
-    (folder / "door.yaml").write_text(f'map: {{name: door, text: "{text}"}}\n{ends}')
-    return str(folder / "door.yaml")
-
-
-def decoded(said, topic):
-    return deserialize_message(
-        said.data, {"action": JointState, "percept": Path}[topic]
-    )
 
 
 def test_a_changed_state(alter, convert, log, moved):

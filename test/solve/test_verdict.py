@@ -100,7 +100,7 @@ def test_robots_that_do_not_ask_have_not_learned_to_coordinate(asks, kind):
 
 @pytest.mark.parametrize(
     "setting",
-    [{"perception": "never"}, {"perception": "probability:0"}, {"link": "dead:0"}],
+    [{"perception": "never"}, {"perception": "probability:0"}],
     ids=str,
 )
 @pytest.mark.parametrize("learner", ["coop", "noncoop", "factored"])

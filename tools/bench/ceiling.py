@@ -143,7 +143,7 @@ def one_process(steps: int) -> float:
         world = BareWorld(context, steps)
         nodes = [world, *(BareRobot(context, number) for number in range(len(ROBOTS)))]
         try:
-            spin_nodes(nodes, "events", context, lambda: world.done)
+            spin_nodes(nodes, context, lambda: world.done)
         finally:
             for node in nodes:
                 node.destroy_node()
@@ -172,10 +172,10 @@ def main() -> int:
         node: Node
         if role == "robot":
             node = BareRobot(context, number)
-            spin_nodes([node], "events", context, _stdin_closed)
+            spin_nodes([node], context, _stdin_closed)
         else:
             node = world = BareWorld(context, number)
-            spin_nodes([node], "events", context, lambda: world.done)
+            spin_nodes([node], context, lambda: world.done)
             print(number / world.seconds)
         node.destroy_node()
     return 0

@@ -52,7 +52,7 @@ def ways(steps: int, repeats: int) -> str:
             ]
         )
     head = [
-        f"{SCENARIO}, 2 robots, events executor",
+        f"{SCENARIO}, 2 robots",
         "steps/s",
         "range",
         "of bare nodes",

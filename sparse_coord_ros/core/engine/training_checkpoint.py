@@ -5,8 +5,7 @@
 It holds the positions of G groups of robots that learn together (one group; K groups for a
 learner that learns `alone`), each robot's memory, the fields of `core.runs.history.History` of
 group g from 1 as `history_g_...`, and the evaluations as JSON in `evaluations`. The container is
-that of `core.runs.checkpoint_bytes`. The compiled loops trust the numbers, so a file that does not
-fit its digest is refused.
+that of `core.runs.checkpoint_bytes`.
 """
 
 import hashlib
@@ -17,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import RunError, TablesError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -92,9 +90,6 @@ def load_checkpoint(
             history_from(arrays, f"history_{g}_") for g in range(1, groups + 1)
         ]
         positions = positions_from(arrays, scenario, groups)
-        made = max(position.transitions for position in positions)
-        for memory in memories:
-            _check_counts(memory, made)
         state = LearningState(positions, tuple(memories), tuple(histories))
         every, trials, found = json.loads(str(arrays["evaluations"]))
         evaluations = tuple((step, _evaluation(**data)) for step, data in found)
@@ -107,16 +102,6 @@ def _memory(
     arrays: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner, k: int
 ) -> Memory:
     return check_memory(scenario, learner, k, memory_from(arrays, k + 1))
-
-
-def _check_counts(memory: Memory, made: int) -> None:
-    """Raise `ValueError` where more was counted than transitions were made.
-
-    Compiled loops look step sizes up by these counts, and do not check.
-    """
-    npz.check_range(memory["updates"], 0, made + 1, "updates")
-    if "q_coord_updates" in memory:
-        npz.check_range(memory["q_coord_updates"], 0, made + 1, "q_coord_updates")
 
 
 def _evaluation(

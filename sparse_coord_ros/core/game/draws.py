@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import compiled_as, inlined, inner
-from sparse_coord_ros.core.game.links import DOWN_DRAW, link_of
 from sparse_coord_ros.core.game.pcg64 import (
     MOST,
     jump_table,
@@ -32,27 +31,9 @@ JUMPS = jump_table()
 """As of `CompiledDraws`."""
 
 
-class Links(NamedTuple):
-    """When robots get no answer, as arrays.
-
-    Attributes:
-        drawn: whether percepts need draws while the link is up.
-        down: when each robot's link is down, [k, time step modulo its length]; no columns where
-            links have no pattern.
-        dead_from: the time step from which all links are down.
-    """
-
-    drawn: bool
-    down: np.ndarray
-    dead_from: int
-
-
-def links_of(scenario: Scenario, seed: int, phase: int) -> Links:
-    """Return when robots of a run get no answer."""
-    team = len(scenario.robots)
-    links = [link_of(scenario.link, seed, k, phase) for k in range(team)]
-    needed = is_drawn(sight_of(scenario.perception, scenario.map))
-    return Links(needed, np.array([link.pattern for link in links]), links[0].dead_from)
+def are_percepts_drawn(scenario: Scenario) -> bool:
+    """Return whether percepts need draws."""
+    return is_drawn(sight_of(scenario.perception, scenario.map))
 
 
 class PlainDraws:
@@ -66,27 +47,27 @@ class PlainDraws:
 
     def __init__(self, scenario: Scenario, seed: int, phase: int = LEARNING) -> None:
         team = range(len(scenario.robots))
-        self._key = scenario, seed, phase
+        self._scenario = scenario
         self.streams = [[Stream(seed, k, role, phase) for k in team] for role in DRAWS]
 
     @functools.cached_property
-    def links(self) -> Links:
-        """When robots get no answer."""
-        return links_of(*self._key)
+    def percepts_drawn(self) -> bool:
+        """Whether percepts need draws; the model of percepts may be unknown until then."""
+        return are_percepts_drawn(self._scenario)
 
 
 class CompiledDraws(NamedTuple):
     """The draws of a run for compiled loops.
 
     Attributes:
-        links: when robots get no answer.
+        percepts_drawn: whether percepts need draws.
         sources: a generator at a time step's beginning, as of `pcg64.source_of`,
             [role, k, word]; 0 for roles that are not used.
         since: that time step [role, k].
         jumps: as of `pcg64.jump_table`.
     """
 
-    links: Links
+    percepts_drawn: bool
     sources: np.ndarray
     since: np.ndarray
     jumps: np.ndarray
@@ -113,7 +94,7 @@ def compiled_draws(
     team = len(scenario.robots)
     sources = _sources(team, seed, phase, looked_at, members, first)
     since = np.full((len(DRAWS), team), first)
-    return CompiledDraws(links_of(scenario, seed, phase), sources, since, JUMPS)
+    return CompiledDraws(are_percepts_drawn(scenario), sources, since, JUMPS)
 
 
 def _sources(
@@ -135,18 +116,16 @@ def _sources(
 def room_for_draws(scenario: Scenario, games: int) -> CompiledDraws:
     """Return room for the draws of many games.
 
-    `sources`, `since` and `links.down` have a first axis more: row i is that of game i.
+    `sources` and `since` have a first axis more: row i is that of game i.
 
     Args:
         scenario: the problem.
         games: number of games.
     """
     team = len(scenario.robots)
-    links = links_of(scenario, 0, LEARNING)
-    down = np.zeros((games, *links.down.shape), dtype=np.bool_)
     sources = np.zeros((games, len(DRAWS), team, 4), dtype=np.uint64)
     since = np.zeros((games, len(DRAWS), team), dtype=np.int64)
-    return CompiledDraws(links._replace(down=down), sources, since, JUMPS)
+    return CompiledDraws(are_percepts_drawn(scenario), sources, since, JUMPS)
 
 
 def seed_game(
@@ -171,16 +150,15 @@ def seed_game(
     """
     team = len(scenario.robots)
     members = np.arange(team)
-    for k in range(team):
-        draws.links.down[game, k] = link_of(scenario.link, seed, k, phase).pattern
     draws.sources[game] = _sources(team, seed, phase, looked_at, members, first)
     draws.since[game] = first
 
 
 @inlined
 def _rows_of_game(draws: CompiledDraws, game: int) -> CompiledDraws:
-    links = Links(draws.links.drawn, draws.links.down[game], draws.links.dead_from)
-    return CompiledDraws(links, draws.sources[game], draws.since[game], draws.jumps)
+    return CompiledDraws(
+        draws.percepts_drawn, draws.sources[game], draws.since[game], draws.jumps
+    )
 
 
 @compiled_as(_rows_of_game)
@@ -226,9 +204,5 @@ def drawn(draws: Any, role: int, k: int, step: int, column: int) -> float:
 
 @inlined
 def percept_draw(draws: Any, k: int, step: int) -> float:
-    """Return the draw of robot k's percept, `DOWN_DRAW` while its link is down."""
-    links = draws.links
-    period = links.down.shape[1]
-    if step >= links.dead_from or (period > 0 and links.down[k, step % period]):
-        return DOWN_DRAW
-    return drawn(draws, PERCEPT, k, step, 0) if links.drawn else 0.0
+    """Return the draw of robot k's percept."""
+    return drawn(draws, PERCEPT, k, step, 0) if draws.percepts_drawn else 0.0

@@ -8,8 +8,10 @@ free, `D` doorway (free), `H` help place (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
+import math
 import os
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.base.errors import MapError, did_you_mean, in_short
-from sparse_coord_ros.base.limits import MAP, MAP_HEADER, read_text
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import share_file, share_names
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.core.game.actions import DIRECTIONS
@@ -259,7 +261,7 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
     ]:
         if candidate is not None and os.path.isfile(candidate):
             remedy = "give a map file; an image becomes one by: sparse_coord import-map"
-            text = read_text(candidate, MAP, MapError, remedy)
+            text = read_text(candidate, MapError, remedy)
             return parse_map(text, name=candidate.stem, where=str(candidate))
     raise MapError(
         f"map {name!r}: no such map{did_you_mean(name, map_names())}; give the path of a map file "
@@ -289,11 +291,6 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
     while rows and not rows[-1]:
         rows = rows[:-1]
     _check_rows(rows, first + 1, where)
-    if len(rows) * len(rows[0]) > MAP.elements:
-        more = f"allowed: {MAP.elements:,}; use larger cells, or a part of it"
-        raise MapError(
-            f"map {where}: has {len(rows) * len(rows[0]):,} cells and walls, {more}"
-        )
     return GridMap(
         name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where)
     )
@@ -302,10 +299,7 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
 def _header(text: str, where: str) -> dict[str, Any]:
     numbers = {"resolution": RESOLUTIONS, "radius": (0.0, RESOLUTIONS[1])}
     allowed = (*HEADER_TEXTS, *numbers, "origin")
-    header = (
-        yaml_value(text, where=f"map {where}: header", limit=MAP_HEADER, error=MapError)
-        or {}
-    )
+    header = yaml_value(text, where=f"map {where}: header", error=MapError) or {}
     if not isinstance(header, dict):
         raise MapError(
             f"map {where}: the header must be 'key: value' lines of {allowed}"
@@ -351,11 +345,14 @@ def number_of(value: object, low: float, high: float, what: str) -> float:
     Raises:
         MapError: it is no number, or out of range.
     """
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not low <= value <= high:  # type: ignore[operator]
+    number = math.nan
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        with suppress(ValueError, OverflowError):
+            number = float(value)
+    if not low <= number <= high:
         shown = "missing" if value is None else in_short(value)
         raise MapError(f"{what} is {shown}, allowed: a number from {low:g} to {high:g}")
-    return float(value)  # type: ignore[arg-type]
+    return number
 
 
 def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:

@@ -187,7 +187,7 @@ def seed_one(games: Games, i: int, scenario: Scenario, seed: int, phase: int) ->
     looked_at = {
         POLICY: scenario.peers == "one" and len(scenario.robots) > 2,
         MOTION: True,
-        PERCEPT: games.draws.links.drawn,
+        PERCEPT: games.draws.percepts_drawn,
         START: bool(np.any(games.exploring)),
     }
     seed_game(games.draws, i, scenario, seed, phase, looked_at, FIRST_STEP)

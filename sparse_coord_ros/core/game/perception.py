@@ -267,7 +267,7 @@ def succeeds(draw: Any, probability: Any) -> Any:
     """Return whether a percept succeeds, for numbers or arrays. The loops compile it.
 
     Args:
-        draw: the asker's draw of the time step, from `core.game.percepts.Percepts`.
+        draw: the asker's draw of the time step.
         probability: that of the two robots' cells, from `sight.probability`.
     """
     return draw < probability

@@ -1,40 +1,28 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Success of percepts in a run, by the perception model and the links of the robots."""
+"""Success of percepts in a run, by the perception model."""
 
 import functools
 
-from sparse_coord_ros.core.game.links import DOWN_DRAW, UP, link_of
 from sparse_coord_ros.core.game.perception import sight_of, succeeds
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.game.sight import Sight, probability
+from sparse_coord_ros.core.game.sight import probability
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.streams import LEARNING, PERCEPT, Stream
-
-
-def sight_in(scenario: Scenario) -> Sight:
-    """Return the probabilities that percepts of a scenario succeed."""
-    sight = sight_of(scenario.perception, scenario.map)
-    return sight._replace(tells=scenario.link == UP)
-
 
 NEVER_PERCEIVING = (Spec("never"), Spec("probability", (0.0,)))
 """Perception models by which no percept ever succeeds."""
 
 
-NEVER_UP = (Spec("dead", (0.0,)), Spec("lost", (1.0,)))
-"""Links that never bring an answer."""
-
-
 def percepts_can_succeed(scenario: Scenario) -> bool:
     """Return whether a percept can succeed at all, as far as the settings alone tell."""
-    return scenario.perception not in NEVER_PERCEIVING and scenario.link not in NEVER_UP
+    return scenario.perception not in NEVER_PERCEIVING
 
 
 def percepts_can_fail(scenario: Scenario) -> bool:
     """Return whether a percept can fail, as far as the settings alone tell."""
     alone = len(scenario.robots) == 1
-    return alone or scenario.perception.kind != "always" or scenario.link != UP
+    return alone or scenario.perception.kind != "always"
 
 
 def chance_of_answer(scenario: Scenario) -> float:
@@ -58,20 +46,12 @@ class Percepts:
     """
 
     def __init__(self, scenario: Scenario, seed: int, phase: int = LEARNING) -> None:
-        self._of = functools.cache(
-            lambda k: (
-                Stream(seed, k, PERCEPT, phase),
-                link_of(scenario.link, seed, k, phase),
-            )
+        self._stream_of = functools.cache(
+            lambda asker: Stream(seed, asker, PERCEPT, phase)
         )
         self._sight = sight_of(scenario.perception, scenario.map)
 
-    def draw(self, step: int, asker: int) -> float:
-        """Return the draw of a robot's percept: `DOWN_DRAW` while its link is down."""
-        stream, link = self._of(asker)
-        return DOWN_DRAW if link.down(step) else stream.at(step)[0]
-
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Return whether a robot in cell `here` perceives one in cell `there` at a time step."""
-        chance = probability(self._sight, here, there)
-        return bool(succeeds(self.draw(step, asker), chance))
+        [draw] = self._stream_of(asker).at(step)
+        return bool(succeeds(draw, probability(self._sight, here, there)))

@@ -19,8 +19,7 @@ from sparse_coord_ros.core.game.interactions import (
     as_lists,
     interactions_of,
 )
-from sparse_coord_ros.core.game.perception import drawn_peer, succeeds
-from sparse_coord_ros.core.game.percepts import sight_in
+from sparse_coord_ros.core.game.perception import drawn_peer, sight_of, succeeds
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import BLIND, Sight, probability
 from sparse_coord_ros.core.game.streams import MOTION, PEER, POLICY, START
@@ -50,7 +49,6 @@ class Problem(NamedTuple):
         goal_reward: r^I at the goal.
         ask_cost: cost of COORDINATE.
         discount: gamma.
-        referee: whether rewards tell with which peers a robot interacted.
     """
 
     starts: Any
@@ -67,7 +65,6 @@ class Problem(NamedTuple):
     goal_reward: float
     ask_cost: float
     discount: float
-    referee: bool
 
 
 INDEX = np.uint32
@@ -104,7 +101,7 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         goals=np.array([robot.goal for robot in robots], dtype=INDEX),
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=INDEX),
         interactions=interactions_of(scenario),
-        sight=sight_in(scenario) if percepts else BLIND,
+        sight=sight_of(scenario.perception, scenario.map) if percepts else BLIND,
         all_peers=scenario.peers == "all",
         penalties=np.array(scenario.penalties),
         help_rewards=np.array(scenario.help_rewards),
@@ -114,7 +111,6 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         goal_reward=scenario.goal_reward,
         ask_cost=scenario.ask_cost,
         discount=scenario.discount,
-        referee=scenario.referee,
     )
     if plain:
         lists = {name: getattr(problem, name).tolist() for name in LISTED}

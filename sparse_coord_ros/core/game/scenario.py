@@ -17,14 +17,12 @@ from sparse_coord_ros.base.errors import (
     did_you_mean,
     in_short,
 )
-from sparse_coord_ros.base.files import path_argument
-from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.files import path_argument, read_text
 from sparse_coord_ros.base.share import share_file, share_names
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.buildings import building
 from sparse_coord_ros.core.game.grid import GridMap, load_map, parse_map
-from sparse_coord_ros.core.game.links import LINKS
 from sparse_coord_ros.core.game.perception import PERCEPTION
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.schedules import EPSILON, STARTS, STEP_SIZE
@@ -85,18 +83,6 @@ PRIOR = ("none", "map")
 INITIAL_VALUES = ("q_star_init", "q_coord_init")
 """Settings without a meaning where robots know their map."""
 
-STAND_OFF = SpecFamily(
-    "stand_off",
-    Form("wait", "a robot acts on its values"),
-    Form(
-        "leave",
-        "with probability p it makes another move whose value is at most this share below its "
-        "best one",
-        (Number("p", 0.0, 1.0), Number("share", 0.0, 1.0)),
-    ),
-)
-"""What a robot does that asked twice in a row, was answered, and saw that no robot moved."""
-
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
 
@@ -109,13 +95,13 @@ LONGEST = 1_000_000
 LONGEST_NAME = 100
 """Letters of a robot's name: DDS takes 255 of a topic, its namespace included."""
 
-DIALOGUE_SETTINGS = ("perception", "link", "peers")
+DIALOGUE_SETTINGS = ("perception", "peers")
 """The settings that say whom COORDINATE asks and when the answer comes."""
 
 PROTOCOL = (
     *("steps", "max_steps", "starts", "step_size", "epsilon"),
-    *("q_star_init", "q_coord_init", "goal_value", "credit", "referee"),
-    *("prior", "prior_success", "stand_off"),
+    *("q_star_init", "q_coord_init", "goal_value", "credit"),
+    *("prior", "prior_success"),
 )
 """The settings that say how robots learn; the others say what they play."""
 
@@ -173,11 +159,6 @@ class Scenario:
         "perception model: when a question (COORDINATE) is answered",
         PERCEPTION,
     )
-    link: Spec = setting(
-        "up",
-        "link model: when a question fails because it is lost, late or refused",
-        LINKS,
-    )
     peers: str = setting(
         "one",
         "which peers a question goes to: one drawn at random, or all",
@@ -187,9 +168,6 @@ class Scenario:
         "own",
         "weight of r^C in learning: once, once for each robot that pays it, or a number",
         CREDIT,
-    )
-    referee: bool = setting(
-        False, "whether a reward names the robots of an interaction"
     )
     max_steps: int = setting(
         100, "time limit of a learning episode, in time steps", low=1, high=LONGEST
@@ -220,11 +198,6 @@ class Scenario:
         "probability that a move succeeds, as assumed by prior=map; 0: move_success",
         low=0,
         high=1,
-    )
-    stand_off: Spec = setting(
-        "wait",
-        "what a robot does when two questions in a row show that no robot moved",
-        STAND_OFF,
     )
     goal_value: float = setting(
         200.0,
@@ -493,7 +466,7 @@ def load_scenario(
                 f"the path of a scenario file or one of: {', '.join(scenario_names())}"
             )
         path = shipped
-    text = read_text(path, SCENARIO, ScenarioError, "give the path of a scenario file")
+    text = read_text(path, ScenarioError, "give the path of a scenario file")
     data = parse_yaml(text, where=str(path))
     scenario = scenario_from_dict(
         data, where=str(path), name=path.stem, beside=path.parent

@@ -17,6 +17,9 @@ from sparse_coord_ros.core.game.specs import SpecFamily, in_range
 LARGEST_WHOLE = 2**53
 """Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
 
+NAMED = 10**9
+"""A greater limit is named only to who passes it."""
+
 TRUTHS = dict.fromkeys(("true", "yes", "on", "1"), True)
 TRUTHS |= dict.fromkeys(("false", "no", "off", "0"), False)
 
@@ -47,7 +50,11 @@ class Setting:
 
     @property
     def allowed(self) -> str:
-        """The allowed values, in words."""
+        """The allowed values, in words; without a limit that nobody meets."""
+        return self._allowed(self.high if self.high <= NAMED else math.inf)
+
+    def _allowed(self, high: float) -> str:
+        """Return the allowed values in words, with this largest number."""
         if not isinstance(self.kind, type):
             return self.kind.usage
         if self.choices:
@@ -58,9 +65,7 @@ class Setting:
             return "a text" if self.kind is str else "a list of texts, as in [a, b]"
         words = "a whole number" if self.kind is int else "a number"
         words = words if self.least is None else f"0, or {words}"
-        return in_range(
-            words, self.low if self.least is None else self.least, self.high
-        )
+        return in_range(words, self.low if self.least is None else self.least, high)
 
     def parse(self, value: object, called: str = "") -> Any:
         """Return the value in the setting's type; texts are read as on the command line.
@@ -74,8 +79,10 @@ class Setting:
         """
         if not isinstance(self.kind, type):
             return self.kind.parse(value)
+        too_large = False
         try:
             parsed = CONVERTERS[self.kind](value)
+            too_large = self.kind in (int, float) and parsed > self.high
             fits = not self.choices or parsed in self.choices
             if self.kind in (int, float):
                 fits = self.least is None or parsed == 0 or parsed >= self.least
@@ -84,8 +91,10 @@ class Setting:
             fits = False
         if not fits:
             what = called or f"setting {self.name}"
-            why = f"value is {in_short(value)}, allowed: {self.allowed}"
-            raise SettingError(f"{what}: {why}")
+            allowed = self._allowed(self.high) if too_large else self.allowed
+            raise SettingError(
+                f"{what}: value is {in_short(value)}, allowed: {allowed}"
+            )
         return parsed
 
 

@@ -31,8 +31,6 @@ class Sight(NamedTuple):
         squares: of RANGE and LINE_OF_SIGHT the square of each cell, row * columns + column [x].
         free: of LINE_OF_SIGHT whether a square is free [square].
         table: of TABLE the probabilities [x, z].
-        tells: whether a failed percept tells where the peer is not. It does not if answers also
-            get lost for other reasons.
         everywhere: whether a percept always succeeds, wherever the peer is [x]; `NOT_LOOKED`
             until first needed.
     """
@@ -44,7 +42,6 @@ class Sight(NamedTuple):
     squares: np.ndarray
     free: np.ndarray
     table: np.ndarray
-    tells: bool
     everywhere: np.ndarray
 
 
@@ -56,7 +53,6 @@ BLIND = Sight(
     squares=np.zeros(0, dtype=np.int64),
     free=np.zeros(0, dtype=np.bool_),
     table=np.zeros((0, 0)),
-    tells=False,
     everywhere=np.zeros(0, dtype=np.int8),
 )
 """That of percepts that never succeed, and of robots that do not ask where a peer cannot be."""
@@ -174,7 +170,7 @@ def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
     It does if a peer in z would surely be perceived. It proves nothing if a percept in x always
     succeeds: it then failed for another reason.
     """
-    if not sight.tells or probability(sight, x, z) < 1.0:
+    if probability(sight, x, z) < 1.0:
         return False
     if sight.everywhere[x] == NOT_LOOKED:
         sight.everywhere[x] = _looked_around(sight, x)

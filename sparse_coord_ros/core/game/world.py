@@ -42,8 +42,8 @@ class Reward(NamedTuple):
         common: r^C.
         ask_cost: minus the cost of asking, or 0.
         total: their sum.
-        partners: the peers j (from 0) with which the robot interacted, as a sum of 2^j;
-            `UNKNOWN_PARTNERS` if the world has no `referee`.
+        partners: the peers j (from 0) with which the robot interacted, as a sum of 2^j; or
+            `UNKNOWN_PARTNERS`.
     """
 
     individual: float
@@ -235,11 +235,7 @@ class World:
         helped = is_help(inter, before, self.cells, self.agents)
         rewards = []
         for k, action in enumerate(actions):
-            partners = UNKNOWN_PARTNERS
-            if self._problem.referee:
-                partners = interacting(
-                    inter, before, wanted, self.cells, self.agents, k
-                )
+            partners = interacting(inter, before, wanted, self.cells, self.agents, k)
             common = common_reward(self._problem, k, conflict, helped)
             rewards.append(self._reward(action, k in arrivals, common, partners))
         for k in arrivals:

@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners: one file for each algorithm, and the modules that they share.
 
-The parts of `factored`: `own_moves`, `corrections`, `looking_back`, `factored_memory`.
+The parts of `factored`: `own_moves`, `corrections`, `looking_back`.
 """

@@ -18,6 +18,7 @@ from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import PlainDraws, drawn
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.plugins import is_shipped
+from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.specs import Spec
@@ -209,7 +210,7 @@ class Agent:
             cell: X_k(t).
             perceived: as of `values_asking`.
         """
-        waiting = self.task._replace(leaving=0.0)
+        waiting = self.task._replace(leaves=False)
         return self._move(waiting, step, cell, self._seen(perceived), perceived)
 
     def _move(
@@ -241,6 +242,7 @@ class Agent:
         cell, decision, action, perceived = choice
         weights = self._weights
         seen, cells = self._percept(cell, decision.peers, perceived)
+        partners = reward.partners if self.learner.partners else UNKNOWN_PARTNERS
         draw = 0.0
         if self.learner.draws:
             draw = drawn(self._draws, streams.REPLAY, self.number, step, 0)
@@ -258,7 +260,7 @@ class Agent:
             common=weights.common * reward.common,
             felt=reward.common,
             asking=weights.ask_cost * reward.ask_cost,
-            partners=reward.partners,
+            partners=partners,
             epsilon=self.epsilon(step),
             floor=self._scheduled(self._schedules.floors, step),
             draw=draw,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inlined, inner, of_learner
+from sparse_coord_ros.base.compiling import inlined, inner
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.learners.mind import NO_ROW, find
 from sparse_coord_ros.core.learners.rules import (
@@ -97,10 +97,14 @@ def corrections_of(
     }
 
 
-@of_learner
-def counts(mind: Any, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
-    """As `Factored.counts`."""
-    raise NotImplementedError
+@inner
+def counts(task: Task, peer: int, cell: int, peer_cell: int) -> bool:
+    """Return whether the robot counts the correction of a peer that it perceives.
+
+    Of more than two robots in one cell, only those with higher numbers give way; a pair
+    learns who waits by itself.
+    """
+    return not (task.robots > 2 and cell == peer_cell and task.number < peer)
 
 
 @inlined
@@ -113,7 +117,7 @@ def correct(mind: Any, task: Task, cell: int, seen: int, cells: Any) -> None:
         return
     for peer in range(task.robots):
         mind.found[peer] = NO_ROW
-        if peer != task.number and counts(mind, task, peer, cell, cells[peer]):
+        if peer != task.number and counts(task, peer, cell, cells[peer]):
             key = rho_key(cell, peer, cells[peer], task.cells, task.robots)
             mind.found[peer] = add_row(mind, key)
 

@@ -17,8 +17,7 @@ decide where the robot asks. In tables Q*(x, COORDINATE) shows them: it is `MARK
 move in marked cells, `MARK` below it in others.
 
 With `peers: all` it tests and marks the joint state with each peer by itself. The value of a move
-is then the least of its values in these pairs. With a `referee` too it charges a peer with r^C
-only where that peer was in the same doorway. Both are choices of our own.
+is then the least of its values in these pairs: a choice of our own.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +33,6 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
 from sparse_coord_ros.core.learners.mind import (
     NO_ROW,
-    Memory,
     Rows,
     empty_rows,
     find,
@@ -49,6 +47,7 @@ from sparse_coord_ros.core.learners.rules import (
     expected,
     greatest,
     ql_update,
+    reward_of,
 )
 
 MARK = 1.0
@@ -74,7 +73,6 @@ class CQ(Learner):
     title = "CQ-learning"
     summary = "CQ-learning; asks in cells marked by a statistical test (De Hauwere et al., 2010)"
     needs_map = True
-    partners = True
 
     class Mind(NamedTuple):
         """The learned tables of a robot.
@@ -105,15 +103,6 @@ class CQ(Learner):
         """Return the largest number of joint states with a peer for each own cell."""
         cells = len(scenario.map.cells)
         return cells if scenario.perceived == 2 else cells * len(scenario.robots)
-
-    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Check the windows of samples."""
-        samples = memory["samples"]
-        if not np.isin(samples[..., COUNT], [MARKED, *range(WINDOW)]).all():
-            allowed = f"{MARKED:g}, 0 to {WINDOW - 1}"
-            raise ValueError(f"samples has counts out of range, allowed: {allowed}")
-        if (samples[..., SQUARES] < 0.0).any():
-            raise ValueError("samples has sums of squares below 0")
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts: the price of asking does not."""
@@ -221,13 +210,12 @@ def lower(mind: Any, cell: int, key: int, values: Any) -> None:
 @inner
 def learn_pair(mind: Any, task: Task, now: Transition, peer: int) -> None:
     """Sample the reward of a joint state with a peer; learn its Q^C if it is marked."""
-    common = now.common if (now.partners >> peer) & 1 else 0.0
     key = pair_key(mind, task, now.cell, peer, now.cells)
     samples = mind.samples[now.cell]
     pairs = len(samples) - PRIMITIVES
-    if differs(samples[PRIMITIVES + key % pairs], common):
+    if differs(samples[PRIMITIVES + key % pairs], now.common):
         after = expected(mind, task, now)
-        reward = now.individual + common + now.asking
+        reward = reward_of(now)
         row = place(mind.q_coord, key)
         values = mind.q_coord.values[row]
         updates = mind.q_coord.updates[row]

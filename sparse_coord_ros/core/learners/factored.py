@@ -11,7 +11,7 @@ depend on where the peers are; the second, rho, is 0 in nearly all joint states.
 has a row of rho of its own. docs/coordination.md has the rule and its reasons.
 
 Parts of the rule have modules of their own: `own_moves` (U, and the model of moves),
-`corrections` (rho), `looking_back` (two questions in a row), `factored_memory` (checks).
+`corrections` (rho), `looking_back` (two questions in a row).
 """
 
 from dataclasses import replace
@@ -23,7 +23,6 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inlined, of_learner
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import is_ruled_out
 from sparse_coord_ros.core.game.specs import Spec
@@ -34,9 +33,7 @@ from sparse_coord_ros.core.learners.corrections import (
     gain,
     learn_rho,
     rho_key,
-    states_of,
 )
-from sparse_coord_ros.core.learners.factored_memory import check_factored_memory
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.looking_back import (
@@ -74,8 +71,8 @@ STOP = 0.5
 """The weight of a stop, as a share of the value of an arrival. It costs one step, but robots that
 stop each other may stand for ever: by that step alone most teams in a lane do."""
 
-LEAVE = Spec("leave", (0.5, 0.25))
-"""How robots of a team of more than two leave a stand-off, unless another way was chosen."""
+LEAVING_SHARE = 0.25
+"""The share of the best move's value that a robot gives up to leave a stand-off."""
 
 
 class Factored(Learner):
@@ -96,7 +93,6 @@ class Factored(Learner):
             "step_size": "floored:0.6:0.1:0.01",
         }
     )
-    leaves = True
     values = ("q_star", "value", "u", "alone", "r_bar", "w", "rho")
     scratch = ("correction", "found", "there", "obstruction")
 
@@ -156,22 +152,9 @@ class Factored(Learner):
     # A team.
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
-        """As of `Learner`; three more settings have a default that depends on the team.
-
-        With more than two robots, or robots that stop each other, `referee` is on. More than two
-        leave stand-offs if percepts do not depend on where the robots are. With more than
-        `MOST_CREDIT` robots r^C counts so often.
-        """
+        """As of `Learner`; with more than `MOST_CREDIT` robots r^C counts so often."""
         chosen = super().with_defaults(scenario)
-        given = scenario.given
-        team = len(scenario.robots)
-        refereed = team > 2 or interactions_of(scenario).blocks
-        if refereed and "referee" not in given:
-            chosen = replace(chosen, referee=True)
-        anywhere = scenario.perception.kind in ("always", "probability")
-        if team > 2 and anywhere and "stand_off" not in given:
-            chosen = replace(chosen, stand_off=LEAVE)
-        if team > MOST_CREDIT and "credit" not in given:
+        if len(scenario.robots) > MOST_CREDIT and "credit" not in scenario.given:
             chosen = replace(chosen, credit=Spec("weight", (float(MOST_CREDIT),)))
         return chosen
 
@@ -184,21 +167,27 @@ class Factored(Learner):
                 "more than two robots: all; set peers=all, or leave it out"
             )
 
+    def leaves_stand_offs(self, scenario: Scenario) -> bool:
+        """As of `Learner`: of more than two robots, if percepts do not depend on their cells."""
+        anywhere = scenario.perception.kind in ("always", "probability")
+        return len(scenario.robots) > 2 and anywhere
+
     def rows_of_a_cell(self, scenario: Scenario) -> int:
         """As of `Learner`: one for each peer's cell, and one for failed percepts."""
         return (len(scenario.robots) - 1) * len(scenario.map.cells) + 1
 
-    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
-        """As of `Learner`: corrections that are not 0."""
-        cells = len(scenario.map.cells)
-        robots = len(scenario.robots)
-        keys = memory["rho_keys"][memory["rho_values"].any(axis=1)]
-        return np.bincount(states_of(keys, cells, robots)[:, 0], minlength=cells)
-
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """As of `Learner`."""
-        weight = self.weights(scenario).common
-        check_factored_memory(scenario, robot, memory, weight)
+        """Raise `ValueError` unless the robot knew as much of its map as the scenario says.
+
+        A robot that knows its map counts all moves as tried from the beginning, in their order.
+        """
+        tried = memory["tried"]
+        prior = "map" if np.array_equal(tried, np.arange(len(tried))) else "none"
+        if prior != scenario.prior:
+            raise ValueError(
+                f"learned with prior={prior}, this scenario has prior={scenario.prior}; set "
+                f"prior={prior}"
+            )
 
     # One robot.
 
@@ -277,32 +266,37 @@ class Factored(Learner):
         return seen == 0
 
     @staticmethod
-    def stands_off(
-        mind: Mind, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
-    ) -> bool:
-        """Return whether the robot also asked in the last step, and no robot has moved since.
+    def way_out(
+        mind: Mind,
+        task: Task,
+        step: int,
+        cell: int,
+        seen: int,
+        cells: Any,
+        values: Any,
+        move: int,
+    ) -> int:
+        """Return the best move that leads away, if its value is close to that of the best move.
 
-        If its best move also leaves it in its cell, it would otherwise stand there for ever.
+        The robot is in a stand-off if it also asked in the last step, no robot has moved since,
+        and its best move leaves it in its cell: it would stand there for ever.
         """
         if seen == 0:
-            return False
+            return move
         again = mind.asked[0] == step
         for robot in range(task.robots):
             again = again and mind.asked[1 + robot] == cells[robot]
             mind.asked[1 + robot] = cells[robot]
         mind.asked[0] = step + 1
-        return again and mind.moved[cell][move] == 0
-
-    @staticmethod
-    def way_out(mind: Mind, task: Task, cell: int, values: Any, move: int) -> int:
-        """Return the best move that leads away, if its value is close to that of the best move."""
-        found = move
-        for b in range(PRIMITIVES):
-            if mind.moved[cell][b] > 0 and (found == move or values[b] > values[found]):
-                found = b
-        if values[found] < (1.0 - task.leaving_share) * values[move]:
+        if not again or mind.moved[cell][move] > 0:
             return move
-        return found
+        out = move
+        for b in range(PRIMITIVES):
+            if mind.moved[cell][b] > 0 and (out == move or values[b] > values[out]):
+                out = b
+        if values[out] < (1.0 - LEAVING_SHARE) * values[move]:
+            return move
+        return out
 
     @staticmethod
     def learn(mind: Mind, task: Task, now: Transition) -> None:
@@ -319,15 +313,6 @@ class Factored(Learner):
         replay(mind, task, now)
 
     # Parts that an ablation turns off.
-
-    @staticmethod
-    def counts(mind: Mind, task: Task, peer: int, cell: int, peer_cell: int) -> bool:
-        """Return whether the robot counts the correction of a peer that it perceives.
-
-        Of more than two robots in one cell, only those with higher numbers give way; a pair
-        learns who waits by itself.
-        """
-        return not (task.robots > 2 and cell == peer_cell and task.number < peer)
 
     @staticmethod
     def share_of_surplus(mind: Mind, task: Task, first: int, here: float) -> float:

@@ -17,7 +17,6 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.links import UP
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
@@ -69,12 +68,12 @@ class Joint(Learner):
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` unless two robots know their map and can always see each other."""
         super().check(scenario)
-        sees = scenario.perception.kind == "always" and scenario.link == UP
+        sees = scenario.perception.kind == "always"
         if len(scenario.robots) != 2 or scenario.sparse or not sees:
             raise SettingError(
                 f"learner {self.label}: scenario {scenario.name} has {len(scenario.robots)} "
-                f"robots, {len(scenario.map.cells)} cells, perception {scenario.perception}, link "
-                f"{scenario.link}; allowed: 2, at most 724, always, up; use another learner"
+                f"robots, {len(scenario.map.cells)} cells, perception "
+                f"{scenario.perception}; allowed: 2, at most 724, always; use another learner"
             )
 
     def weights(self, scenario: Scenario) -> RewardWeights:

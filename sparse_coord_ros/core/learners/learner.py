@@ -22,7 +22,7 @@ from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import interactions_of
-from sparse_coord_ros.core.game.percepts import sight_in
+from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import INITIAL_VALUES, SETTINGS, Scenario
 from sparse_coord_ros.core.game.sight import BLIND
@@ -32,7 +32,6 @@ from sparse_coord_ros.core.learners.mind import Memory, mind_class
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    leaving_of,
     map_samples,
     replays_of,
 )
@@ -103,10 +102,9 @@ class Learner:
             cannot run live either.
         draws: whether it needs a random number in each step (`Transition.draw`).
         partners: whether it uses the peers with which a robot interacted
-            (`Transition.partners`), if the scenario has a referee.
+            (`Transition.partners`).
         rules_out: whether it uses `Task.sight` to rule out cells of a peer after a failed percept.
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
-        leaves: whether it can leave a stand-off (setting `stand_off`).
         defaults: values of scenario settings that neither the scenario nor the user chose;
             `run.yaml` records each value used.
         Mind: the named tuple of a robot's memory; `initial` fills it.
@@ -128,7 +126,6 @@ class Learner:
     partners: bool = False
     rules_out: bool = False
     needs_map: bool = False
-    leaves: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
     memory: Mapping[str, MemoryMaker] = MappingProxyType({})
@@ -227,10 +224,19 @@ class Learner:
         return False
 
     @staticmethod
-    def stands_off(
-        mind: Any, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
-    ) -> bool:
-        """Return whether the robot is in a stand-off that it may leave, in the paper never.
+    def way_out(
+        mind: Any,
+        task: Task,
+        step: int,
+        cell: int,
+        seen: int,
+        cells: Any,
+        values: Any,
+        move: int,
+    ) -> int:
+        """Return the move by which the robot may leave a stand-off; `move`: it is in none.
+
+        It is called where `leaves_stand_offs`, in the paper never.
 
         Args:
             mind: the robot's mind.
@@ -239,18 +245,6 @@ class Learner:
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
             cells: the cells of all robots; those of peers that are not seen mean nothing.
-            move: the best move.
-        """
-        return False
-
-    @staticmethod
-    def way_out(mind: Any, task: Task, cell: int, values: Any, move: int) -> int:
-        """Return the move by which the robot leaves a stand-off.
-
-        Args:
-            mind: the robot's mind.
-            task: its task.
-            cell: X_k(t).
             values: of the moves, as of `asking_values`.
             move: the best move.
         """
@@ -308,8 +302,7 @@ class Learner:
     def with_defaults(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this learner's defaults for settings that were not chosen.
 
-        Settings without a meaning for a learner are the defaults: initial values where it needs
-        the map, `stand_off` where it cannot leave one.
+        Initial values are the defaults where it needs the map: they have no meaning there.
 
         Raises:
             SettingError: a default is no setting, or has a bad value.
@@ -319,8 +312,6 @@ class Learner:
             values["prior"] = "map"
         if self.needs_map:
             values |= {name: SETTINGS[name].default for name in INITIAL_VALUES}
-        if not self.leaves:
-            values["stand_off"] = SETTINGS["stand_off"].default
         if not values:
             return scenario
         return replace(scenario.with_settings(values), given=scenario.given)
@@ -340,21 +331,19 @@ class Learner:
                 "prior_success out"
             )
 
-    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Raise `ValueError` unless a robot (from 0) can have learned this memory.
+    def leaves_stand_offs(self, scenario: Scenario) -> bool:
+        """Return whether its robots leave stand-offs, by `way_out`."""
+        return False
 
-        Types, shapes and counts are right already, and values are finite.
+    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
+        """Raise `ValueError` where a robot (from 0) of another scenario learned this memory.
+
+        Types and shapes are right already.
         """
 
     def rows_of_a_cell(self, scenario: Scenario) -> int:
         """Return the largest number of rows that depend on peers, for each own cell."""
         return int(len(scenario.map.cells) ** (scenario.perceived - 1))
-
-    def learned_rows(self, scenario: Scenario, memory: Memory) -> np.ndarray:
-        """Return the number of such rows learned, by the own cell, (cells,), int64."""
-        keys = memory.get("q_coord_keys", np.zeros(0, dtype=np.int64))
-        own = keys // self.rows_of_a_cell(scenario)
-        return np.bincount(own, minlength=len(scenario.map.cells))
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts while it learns.
@@ -372,8 +361,10 @@ class Learner:
             step_sizes: as of `Task`; empty for a robot that does not learn.
         """
         weights = self.weights(scenario)
-        leaving, leaving_share = leaving_of(scenario)
         inter = interactions_of(scenario)
+        sight = BLIND
+        if self.rules_out:
+            sight = sight_of(scenario.perception, scenario.map)
         return Task(
             number=robot,
             robots=len(scenario.robots),
@@ -386,13 +377,12 @@ class Learner:
             ask_cost=weights.ask_cost * scenario.ask_cost,
             credit=weights.common,
             step_sizes=step_sizes,
-            sight=sight_in(scenario) if self.rules_out else BLIND,
+            sight=sight,
             swaps=inter.swaps,
             blocks=inter.blocks,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
-            leaving=leaving,
-            leaving_share=leaving_share,
+            leaves=self.leaves_stand_offs(scenario),
         )
 
     def minds(self, scenario: Scenario) -> list[Any]:

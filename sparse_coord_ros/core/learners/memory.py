@@ -5,12 +5,7 @@
 import numpy as np
 
 from sparse_coord_ros.base.errors import TablesError
-from sparse_coord_ros.base.npz import (
-    MOST_UPDATES,
-    check_finite,
-    check_range,
-    member,
-)
+from sparse_coord_ros.base.npz import member
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
@@ -37,7 +32,7 @@ def check_memory(
         The memory, without arrays that the learner does not know.
 
     Raises:
-        TablesError: a robot of this scenario and learner cannot have learned this.
+        TablesError: an array is missing, or is not as robots of this scenario and learner have it.
     """
     try:
         return _checked(scenario, learner, k, memory)
@@ -57,35 +52,33 @@ def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Me
         else:
             names.append(name)
             _check_array(memory, name, np.asarray(value))
-    check_range(memory["updates"], 0, MOST_UPDATES, "updates")
-    if not learner.asks:
-        check_range(memory["updates"][:, PRIMITIVES:], 0, 1, "updates")
     found = {name: memory[name] for name in names}
     learner.check_memory(scenario, k, found)
     return found
 
 
 def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
-    """Check an array: its type and shape are the initial ones, and its values are finite."""
+    """Check an array: type and shape are the initial ones, and it has values where those do."""
     kind = np.int64 if begun.dtype.kind == "i" else begun.dtype
     array = member(memory, name, kind, *begun.shape)
-    if kind == np.float64:
-        nothing = np.isnan(begun)
-        check_finite(array[~nothing], name)
-        if not np.isnan(array[nothing]).all():
-            raise ValueError(
-                f"{name} has values of {ACTIONS[-1]}, which this learner never chooses"
-            )
+    if kind != np.float64:
+        return
+    nothing = np.isnan(begun)
+    if np.isnan(array[~nothing]).any():
+        raise ValueError(f"{name} has values that are no numbers")
+    if not np.isnan(array[nothing]).all():
+        raise ValueError(
+            f"{name} has values of {ACTIONS[-1]}, which this learner never chooses"
+        )
 
 
 def _check_rows(memory: Memory, name: str, begun: Rows) -> None:
-    """Check a table of rows: ascending keys, each once, and as many rows."""
-    keys = member(memory, f"{name}_keys", np.int64, None, below=begun.most)
-    shape = len(keys), PRIMITIVES
-    if (keys[1:] <= keys[:-1]).any():
-        raise ValueError(f"{name}_keys are not in ascending order, or have a key twice")
-    check_finite(member(memory, f"{name}_values", np.float64, *shape), f"{name}_values")
-    member(memory, f"{name}_updates", np.int64, *shape, below=MOST_UPDATES)
+    """Check a table of rows: its keys are those of joint states, and there is a row for each."""
+    keys = member(memory, f"{name}_keys", np.int64, None)
+    if keys.max(initial=0) >= begun.most:
+        raise ValueError(f"{name}_keys are not those of joint states of this scenario")
+    member(memory, f"{name}_values", np.float64, len(keys), PRIMITIVES)
+    member(memory, f"{name}_updates", np.int64, len(keys), PRIMITIVES)
 
 
 def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:

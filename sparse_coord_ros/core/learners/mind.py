@@ -400,15 +400,6 @@ def rows_in(mind: Any, memory: Memory) -> int:
     return count
 
 
-def row_of(rows: Rows, key: int) -> int:
-    """Return the row of a key in one robot's table, of either form; `NO_ROW`: it was not met."""
-    if rows.places is not None:
-        return find(rows, key)
-    if rows.keys is None:
-        return key
-    return _found(rows, key)
-
-
 class LearnedRows(NamedTuple):
     """The rows of a table that were learned, in the order of their keys; a copy.
 

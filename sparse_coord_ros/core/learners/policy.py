@@ -24,9 +24,11 @@ from sparse_coord_ros.core.learners.rules import (
     asking_values,
     explores,
     greatest,
-    stands_off,
     way_out,
 )
+
+LEAVING = 0.5
+"""The probability with which a robot leaves a stand-off."""
 
 
 @inlined
@@ -109,9 +111,10 @@ def choose_move(
             return int(drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
     asking_values(mind, task, cell, seen, cells, values)
     move = greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
-    if task.leaving > 0.0 and stands_off(mind, task, step, cell, seen, cells, move):
-        if drawn(draws, LEAVE, k, step, 0) < task.leaving:
-            return way_out(mind, task, cell, values, move)
+    if task.leaves:
+        out = way_out(mind, task, step, cell, seen, cells, values, move)
+        if out != move and drawn(draws, LEAVE, k, step, 0) < LEAVING:
+            return out
     return move
 
 

@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners by their names: this package's and the user's own."""
 
-from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.core.game.interactions import check_only_together
 from sparse_coord_ros.core.game.plugins import (
     Registry,
     allow_named,
     failing_as,
     is_shipped,
 )
-from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.baselines import Indiv, NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.cq import CQ
@@ -77,14 +74,3 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     """
     made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)
-
-
-def check_improvable(scenario: Scenario, learner: Learner) -> None:
-    """Raise `SettingError` if robots do not learn the model that `core.engine.improve` needs."""
-    if not isinstance(learner, Factored):
-        what = f"improve: learner {learner.label} keeps no model of where moves lead"
-        raise SettingError(f"{what}; needs learner factored")
-    check_only_together(scenario, "improve", "leave improve out")
-    if len(scenario.robots) > 2 and not scenario.referee:
-        what = "improve: with more than two robots each must know which r^C is its own"
-        raise SettingError(f"{what}; needs setting referee=true")

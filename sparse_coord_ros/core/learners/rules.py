@@ -46,8 +46,7 @@ class Task(NamedTuple):
         blocks: whether robots can stop each other.
         map_samples: for how many samples of each move the map counts; 0: the map is not known.
         replays: how many moves a learner with a model replays in each step.
-        leaving: probability of leaving a stand-off.
-        leaving_share: the share of its best move's value that a robot gives up to leave.
+        leaves: whether it leaves stand-offs.
     """
 
     number: int
@@ -66,8 +65,7 @@ class Task(NamedTuple):
     blocks: bool
     map_samples: int
     replays: int
-    leaving: float
-    leaving_share: float
+    leaves: bool
 
 
 class Transition(NamedTuple):
@@ -134,14 +132,6 @@ def replays_of(scenario: Scenario) -> int:
     return 1
 
 
-def leaving_of(scenario: Scenario) -> tuple[float, float]:
-    """Return `Task.leaving` and `Task.leaving_share`."""
-    if scenario.stand_off.kind == "wait":
-        return 0.0, 0.0
-    leaving, share = scenario.stand_off.numbers
-    return leaving, share
-
-
 # The functions of a learner.
 
 
@@ -164,16 +154,17 @@ def explores(mind: Any, task: Task, seen: int) -> bool:
 
 
 @of_learner
-def stands_off(
-    mind: Any, task: Task, step: int, cell: int, seen: int, cells: Any, move: int
-) -> bool:
-    """Return whether the robot is in a stand-off that it may leave."""
-    raise NotImplementedError
-
-
-@of_learner
-def way_out(mind: Any, task: Task, cell: int, values: Any, move: int) -> int:
-    """Return the move by which the robot leaves a stand-off."""
+def way_out(
+    mind: Any,
+    task: Task,
+    step: int,
+    cell: int,
+    seen: int,
+    cells: Any,
+    values: Any,
+    move: int,
+) -> int:
+    """Return the move by which the robot may leave a stand-off; `move`: it is in none."""
     raise NotImplementedError
 
 

@@ -18,9 +18,8 @@ import numpy as np
 
 from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import RunError
-from sparse_coord_ros.base.limits import ARRAYS, read_file
+from sparse_coord_ros.base.files import read_file
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.core.game.world import Position, before_episode
 
 
@@ -54,11 +53,11 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
         said: the run in words.
 
     Raises:
-        BrokenCheckpointError: it cannot be read, or does not fit its digest.
+        BrokenCheckpointError: it cannot be read.
         RunError: it is of another run, or in another format.
     """
     remedy = "begin the run anew"
-    data = read_file(path, ARRAYS, BrokenCheckpointError, remedy)
+    data = read_file(path, BrokenCheckpointError, remedy)
     how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
     arrays = npz.unpack(data, where=str(path), what="a checkpoint", **how)
     found = str(arrays.pop("run", ""))
@@ -84,20 +83,12 @@ def positions_from(
     """Return the positions of games from the arrays of `position_arrays`.
 
     Raises:
-        ValueError: something is missing, or has another type, shape or range than it must have.
+        ValueError: something is missing, or has another type or shape than it must have.
     """
     robots = len(scenario.robots)
-    cells = len(scenario.map.cells)
     like = position_arrays([before_episode(0, 0, robots)] * games)
     fields = [
-        npz.member(
-            arrays,
-            name,
-            one.dtype,
-            *one.shape,
-            below=cells if name == "cells" else LARGEST_WHOLE,
-        )
-        for name, one in like.items()
+        npz.member(arrays, name, one.dtype, *one.shape) for name, one in like.items()
     ]
     return tuple(
         Position._make([*one, tuple(places), tuple(arrived)])

@@ -14,8 +14,7 @@ import numpy as np
 from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import RunError, retold
-from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import ARRAYS, read_file
+from sparse_coord_ros.base.files import read_file, write_whole
 from sparse_coord_ros.core.game.world import Action, StepOutcome
 
 if TYPE_CHECKING:
@@ -181,7 +180,7 @@ def load_history(directory: Path) -> History:
     """
     path = directory / HISTORY_FILE
     how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
-    data = read_file(path, ARRAYS, **how)
+    data = read_file(path, **how)
     arrays = npz.unpack(data, where=str(path), what="a learning history", **how)
     with retold(RunError, ValueError, f"{path}", f"; {how['remedy']}"):
         return history_from(arrays)

@@ -68,7 +68,7 @@ class Rule(NamedTuple):
             count while learning [3].
         goal_value: value of being at the goal while learning.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        map_samples, replays, leaving, leaving_share: as of `Task`.
+        map_samples, replays, leaves: as of `Task`.
         tasks: in plain Python the tasks of the robots.
     """
 
@@ -84,8 +84,7 @@ class Rule(NamedTuple):
     step_sizes: Any
     map_samples: int
     replays: int
-    leaving: float
-    leaving_share: float
+    leaves: bool
     tasks: Any
 
 
@@ -109,8 +108,7 @@ def made_task(rule: Rule, k: int) -> Task:
         problem.interactions.blocks,
         rule.map_samples,
         rule.replays,
-        rule.leaving,
-        rule.leaving_share,
+        rule.leaves,
     )
 
 
@@ -295,7 +293,7 @@ def learn_from(
     if sees_all(mind):
         seen = next_seen = everybody_but(k, len(cells))
     partners = UNKNOWN_PARTNERS
-    if wants_partners(mind) and problem.referee:
+    if wants_partners(mind):
         partners = interacting(
             problem.interactions, choice.cells, choice.wanted, cells, rule.members, k
         )
@@ -392,7 +390,6 @@ def play_until(
     asked: Any,
     stays: Any,
     trials: int,
-    paired: bool,
 ) -> None:
     """Play greedy trials until so many are played.
 
@@ -404,7 +401,6 @@ def play_until(
         asked: counted up where COORDINATE is chosen, [k][x].
         stays: counted up where a robot acts, [k][x].
         trials: number of trials.
-        paired: whether a trial has the same draws whatever happened in those before it.
     """
     rule, game, choice, _, _ = state
     problem = rule.problem
@@ -447,8 +443,6 @@ def play_until(
         discount *= problem.discount
         clock[STEP] = step + 1
         if episode_ends(over, elapsed, rule.max_steps):
-            if paired:
-                clock[STEP] = clock[EPISODE_START] + rule.max_steps
             clock[STEP] += EPISODE_GAP
             clock[PLACED] = 0
             clock[DONE] += 1

@@ -23,8 +23,8 @@ from sparse_coord_ros.base.errors import (
     check_format,
     did_you_mean,
 )
-from sparse_coord_ros.base.limits import CELLS, SCENARIO, read_text
-from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.files import read_text
+from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import RESOLUTIONS, GridMap
 from sparse_coord_ros.core.game.perception import (
@@ -37,19 +37,17 @@ from sparse_coord_ros.core.game.specs import Form, SpecFamily
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import (
     LEARNERS,
-    check_improvable,
     learner_of,
 )
 from sparse_coord_ros.core.runs.forms import check_own_memory
 
 RUN_FILE = "run.yaml"
+CELLS = 250_000
+"""Most free cells of a map to learn on."""
+
 SCENARIO_FILE = "scenario.yaml"
 MAP_FILE = "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
-
-RUN_FORMAT = 4
-"""Number of the format of `run.yaml`, its field `format`. Format 1 did not say `bodies`, format 2
-not what robots know of their map. Format 3 named the paper's returns rewards."""
 
 OWN_CLOCK = "own"
 NO_CLOCK = "none"
@@ -121,10 +119,6 @@ class RunConfig:
     greedy: bool = setting(
         False, "act on learned tables, without exploring or learning"
     )
-    improve: bool = setting(
-        False,
-        "after learning, share what was learned and plan together (learner factored)",
-    )
     step_period: float = setting(
         0.1, "simulated seconds a time step", low=1e-3, high=60
     )
@@ -182,11 +176,6 @@ class RunConfig:
             raise SettingError(
                 f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
                 f"step_timeout ({self.step_timeout:g})"
-            )
-        if self.improve and self.greedy:
-            remedy = "leave one of them out"
-            raise SettingError(
-                f"setting improve: a greedy run learns nothing; {remedy}"
             )
 
     @property
@@ -247,7 +236,7 @@ class RunConfig:
             SettingError: other processes cannot find its perception model, a function.
         """
         check_found_elsewhere(self.scenario.perception)
-        data: dict[str, Any] = {"id": self.id, "format": RUN_FORMAT}
+        data: dict[str, Any] = {"id": self.id, "format": FORMAT}
         data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()
         data["versions"] = dict(self.versions)
@@ -296,8 +285,6 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
         scenario = _known_to_bodies(scenario)
     learner.check(scenario)
     check_own_memory(learner)
-    if settings.get("improve"):
-        check_improvable(scenario, learner)
     _check_size(scenario.map)
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()
@@ -360,7 +347,7 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
         SettingError: a bad value.
     """
     data = parse_yaml(text, where=where)
-    check_format(data.pop("format", None), RUN_FORMAT, where, RunError)
+    check_format(data.pop("format", None), where, RunError)
     known = [f.name for f in fields(RunConfig)]
     wrong = [
         f"unknown field {n!r}{did_you_mean(str(n), known)}"
@@ -414,7 +401,7 @@ def load_run(directory: Path) -> RunConfig:
         if run is not None:
             raise RunError(f"{directory}: is no run, but in one; give {run}")
     remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
-    text = read_text(path, SCENARIO, RunError, remedy)
+    text = read_text(path, RunError, remedy)
     return run_from_yaml(text, where=str(path))
 
 

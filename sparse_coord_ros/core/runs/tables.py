@@ -20,8 +20,7 @@ import numpy as np
 
 from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import TablesError, retold
-from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import ARRAYS, Limit, read_file
+from sparse_coord_ros.base.files import read_file, write_whole
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
@@ -84,7 +83,7 @@ class SavedTables(NamedTuple):
 
 
 def unpack_saved(
-    data: bytes, numbers: Sequence[int], *, where: str, limit: Limit = ARRAYS
+    data: bytes, numbers: Sequence[int], *, where: str
 ) -> list[SavedTables]:
     """Read the saved tables of robots (numbers from 1) from the bytes of an .npz file.
 
@@ -92,7 +91,7 @@ def unpack_saved(
         TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
     """
     how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
-    arrays = npz.unpack(data, where=where, limit=limit, **how)
+    arrays = npz.unpack(data, where=where, **how)
     with retold(TablesError, ValueError, where, f"; {REMEDY}"):
         counts = {
             name.removeprefix(COUNT): int(npz.member(arrays, name, np.int64))
@@ -126,7 +125,7 @@ def load_saved(path: Path, numbers: Sequence[int]) -> list[SavedTables]:
     Raises:
         TablesError: no such file, not a tables file, or a robot is not in it.
     """
-    data = read_file(path, ARRAYS, TablesError, REMEDY)
+    data = read_file(path, TablesError, REMEDY)
     return unpack_saved(data, numbers, where=str(path))
 
 

@@ -27,7 +27,7 @@ from sparse_coord_ros.core.learners.mind import (
     part,
     stacked,
 )
-from sparse_coord_ros.core.learners.rules import leaving_of, map_samples, replays_of
+from sparse_coord_ros.core.learners.rules import map_samples, replays_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.trials import Trials
@@ -88,7 +88,6 @@ class Team:
         self._minds = learner.minds(scenario)
         sizes = step_sizes(scenario.step_size, scenario.steps)
         everyone = np.arange(len(scenario.robots), dtype=INDEX)
-        leaving, leaving_share = leaving_of(scenario)
         rule = loop.Rule(
             problem=problem_of(scenario, plain=not compiled),
             members=everyone,
@@ -102,8 +101,7 @@ class Team:
             step_sizes=sizes.by_count,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
-            leaving=leaving,
-            leaving_share=leaving_share,
+            leaves=learner.leaves_stand_offs(scenario),
             tasks=None,
         )
         groups = groups_of(scenario, learner)
@@ -174,7 +172,7 @@ class Team:
             streams.START: bool(np.any(rule.exploring)),
             streams.REPLAY: learning and self.learner.draws,
             streams.BLIND: learning and self.learner.asks,
-            streams.LEAVE: rule.leaving > 0.0,
+            streams.LEAVE: rule.leaves,
         }
 
     def play(
@@ -183,7 +181,6 @@ class Team:
         seed: int,
         trials: int,
         *,
-        paired: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> Trials:
         """Play greedy trials.
@@ -192,7 +189,6 @@ class Team:
             minds: the robots' minds.
             seed: seed of the trials.
             trials: number of trials.
-            paired: whether a trial has the same draws whatever happened in those before it.
             progress: called with the trials played and all of them, before each one.
 
         Raises:
@@ -212,8 +208,8 @@ class Team:
             if progress is not None:
                 for played in range(trials):
                     progress(played, trials)
-                    self.loops.play(state, minds, *filled, played + 1, paired)
-            self.loops.play(state, minds, *filled, trials, paired)
+                    self.loops.play(state, minds, *filled, played + 1)
+            self.loops.play(state, minds, *filled, trials)
         results, asked, stays = map(np.asarray, filled)
         self.check_wanted()
         times = results[:, :, loop.TIME]

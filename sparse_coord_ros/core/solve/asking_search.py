@@ -24,9 +24,8 @@ from sparse_coord_ros.base.errors import (
     check_format,
     check_function,
 )
-from sparse_coord_ros.base.files import path_argument, write_whole
-from sparse_coord_ros.base.limits import RESULTS, read_text
-from sparse_coord_ros.base.version import __version__
+from sparse_coord_ros.base.files import path_argument, read_text, write_whole
+from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.actions import (
     ACTIONS,
     COORDINATE,
@@ -34,7 +33,6 @@ from sparse_coord_ros.core.game.actions import (
     PRIMITIVES,
 )
 from sparse_coord_ros.core.game.interactions import interactions_of
-from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
@@ -52,7 +50,6 @@ from sparse_coord_ros.core.solve.asking_loops import (
 from sparse_coord_ros.core.solve.optimum import most_help, value_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
-SEARCH_FORMAT = 1
 WARNING = "a lower bound: the search may have missed a better team"
 
 RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
@@ -159,7 +156,6 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     grid = scenario.map
     cells = len(grid.cells)
     what = "search for the best asking team"
-    check_up(scenario.link, what)
     check_pairs(grid, f"in the {what}", MOST_STATES)
     percept = probabilities_between(
         sight_of(scenario.perception, grid), np.arange(cells)
@@ -221,17 +217,10 @@ def _restart(
         fixed: the choices of robots that are not searched.
     """
     rng = np.random.default_rng(seed)
-    begun = random_policies(game, rng)
+    best = random_policies(game, rng)
     if fixed is not None:
-        for mine, theirs in zip(begun, fixed, strict=True):
+        for mine, theirs in zip(best, fixed, strict=True):
             mine[~free] = theirs[~free]
-    return _climbed(game, free, begun, rng)
-
-
-def _climbed(
-    game: WeightedGame, free: np.ndarray, best: AskingPolicies, rng: np.random.Generator
-) -> tuple[AskingPolicies, float]:
-    """Climb from a team, which is changed, and again from where shakes lead; as `_restart`."""
     loops = asking_loops.compiled()
     space = workspace_of(game)
     trials = np.arange(2 * len(game.lead) * OPTIONS)
@@ -247,24 +236,6 @@ def _climbed(
             top = value
             vain = 0
     return best, top
-
-
-def climbed(
-    scenario: Scenario, team: AskingPolicies
-) -> tuple[float, float, AskingPolicies, np.ndarray]:
-    """Improve a team of two robots, as a restart that begins with this team.
-
-    Returns:
-        Its value before and after; its new actions in every joint state; and whether a robot
-        acts in a cell, shape (2, cells).
-    """
-    game = game_of(scenario)
-    nobody = np.zeros(2, dtype=np.bool_)
-    before = asking_loops.compiled().solve(
-        game, team, nobody, workspace_of(game), -np.inf
-    )
-    found, value = _climbed(game, ~nobody, _copy(team), np.random.default_rng(0))
-    return before, value, *_everywhere(game, found)
 
 
 def _copy(team: AskingPolicies) -> AskingPolicies:
@@ -310,10 +281,10 @@ def _shaken(
     return new
 
 
-def _everywhere(
+def _texts(
     game: WeightedGame, policy: AskingPolicies
-) -> tuple[AskingPolicies, np.ndarray]:
-    """Return the team with the best moves after every percept, and where its robots act.
+) -> tuple[RobotPolicy, RobotPolicy]:
+    """Return the team as texts, with the best moves after every percept.
 
     A robot that never gets to a cell does not ask there.
     """
@@ -326,14 +297,6 @@ def _everywhere(
     new.asks[:] &= space.visited
     # Every joint state, also where the team never gets.
     loops.sweep(game, new, both, space.value, game.everything, -np.inf)
-    return new, space.visited
-
-
-def _texts(
-    game: WeightedGame, policy: AskingPolicies
-) -> tuple[RobotPolicy, RobotPolicy]:
-    """Return the team as texts."""
-    new, _ = _everywhere(game, policy)
 
     def robot(k: int) -> RobotPolicy:
         asked = {
@@ -406,12 +369,12 @@ def _kept(
     """Return the values and the best team of a search that was cut off."""
     if file is None or not file.exists():
         return [], None
-    text = read_text(file, RESULTS, ResultsError, "give another file")
+    text = read_text(file, ResultsError, "give another file")
     try:
         data = json.loads(text)
+        check_format(data["format"], str(file), ResultsError)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
-        check_format(data["format"], SEARCH_FORMAT, str(file), ResultsError)
         said = (data["game"], data["seed"])
         fits = policies_of(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
@@ -434,7 +397,7 @@ def _keep(
     robots: Sequence[RobotPolicy],
 ) -> None:
     data: dict[str, Any] = {
-        "format": SEARCH_FORMAT,
+        "format": FORMAT,
         "scenario": scenario.name,
         "game": game_digest(scenario),
         "seed": seed,

@@ -18,7 +18,6 @@ import numpy as np
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.interactions import interactions_of, none_of, of_cells
-from sparse_coord_ros.core.game.links import check_up
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probabilities_between
@@ -167,7 +166,7 @@ def evaluate_best(
     """
     try:
         return evaluate_exact(scenario, tables, learner=learner)
-    except SettingError:  # too many, or a link that fails by time
+    except SettingError:  # too many robots, or too large
         how: Any = {
             "trials": trials,
             "seed": seed,
@@ -178,22 +177,12 @@ def evaluate_best(
 
 
 def check_exact(scenario: Scenario) -> None:
-    """Raise `SettingError` if the team is too large, or acts by memory."""
+    """Raise `SettingError` if the team is too large."""
     team = len(scenario.robots)
     if team > MOST_ROBOTS:
         raise SettingError(
             f"exact evaluation: scenario {scenario.name} has {team} robots, allowed: 1 or "
             f"{MOST_ROBOTS}; larger teams are evaluated by trials, leave out 'exact'"
-        )
-    _check_memoryless(scenario)
-
-
-def _check_memoryless(scenario: Scenario) -> None:
-    """Raise `SettingError` if robots act by more than their cell and their percept."""
-    if scenario.stand_off.kind != "wait":
-        raise SettingError(
-            f"exact evaluation: setting stand_off is {str(scenario.stand_off)!r}, allowed: wait, "
-            "as the others act by what they perceived a step before; leave out 'exact' for trials"
         )
 
 
@@ -264,8 +253,6 @@ def _robots(
     scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
 ) -> list[Greedy]:
     """Return the robots as greedy ones that act on tables, which fit."""
-    check_up(scenario.link, "exact evaluation")
-    _check_memoryless(scenario)
     found = []
     for k, one in enumerate(tables):
         acting = one

@@ -108,9 +108,7 @@ def is_too_large(scenario: Scenario) -> bool:
     return states > MOST_JOINT_STATES or outcomes > MOST_JOINT_OUTCOMES
 
 
-def _solve(
-    scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray
-) -> float:
+def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
     """Return the best value from the starts, by value iteration.
 
     Args:

@@ -155,8 +155,10 @@ def _remedy(scenario: Scenario, learner: Learner) -> str:
     More steps help Factored only: others settle on not asking (docs/design.md).
     """
     if not percepts_can_succeed(scenario):
-        setting = f"perception {scenario.perception}, link {scenario.link}"
-        return f"Asking cannot help here: no question can be answered ({setting})."
+        return (
+            "Asking cannot help here: no question can be answered (perception "
+            f"{scenario.perception})."
+        )
     if isinstance(learner, Factored):
         return "Try more steps."
     return "Try --learner factored."

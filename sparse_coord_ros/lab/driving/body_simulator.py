@@ -30,6 +30,9 @@ TRACK = 1.6
 BIAS = 0.25
 """Difference of the wheels' size from the size in the odometry, as a share of the noise."""
 
+PERIOD = 0.1
+"""Simulated seconds a tick."""
+
 IN_DOORWAY = "doorway"
 ELSEWHERE = "elsewhere"
 
@@ -45,6 +48,9 @@ class Noise(NamedTuple):
 
     wheels: float = 0.1
     pose: float = 0.01
+
+
+NOISE = Noise()
 
 
 class Collision(NamedTuple):
@@ -167,7 +173,12 @@ class BodySimulator:
     """
 
     def __init__(
-        self, metric_map: MetricMap, count: int, seed: int, noise: Noise, period: float
+        self,
+        metric_map: MetricMap,
+        count: int,
+        seed: int,
+        noise: Noise = NOISE,
+        period: float = PERIOD,
     ) -> None:
         self.metric_map = metric_map
         self.period = period

@@ -24,6 +24,12 @@ BACKOFF_SECONDS = 0.25
 LONGEST_BACKOFF = 4.0
 """Longest time until a goal is sent again; the time doubles with each repeat."""
 
+SILENCE_SECONDS = 1.0
+"""Longest silence of the server on a goal that it has accepted."""
+
+DETOUR = 3.0
+"""Remaining cells of a move beyond which it is given up: the server makes a detour."""
+
 ANSWER_SECONDS = 2.0
 """Longest wait for the server's answer to a goal, and to its cancelling."""
 
@@ -34,16 +40,10 @@ class NavLimits(NamedTuple):
     Attributes:
         near: metres from a place within which the body has arrived, with any result of the server.
         seconds: longest time of a move.
-        silence: seconds without feedback until a goal is given up; 0: for ever.
-        detour: remaining metres beyond which a move is given up; 0: no limit.
-        bring: whether the server also brings bodies to the cells where an episode begins.
     """
 
     near: float
     seconds: float
-    silence: float = 1.0
-    detour: float = 0.0
-    bring: bool = True
 
 
 class NavPort(Protocol):
@@ -173,8 +173,8 @@ class Navigator(Mover):
         if sent is None or sent.ticket != ticket:
             return
         sent.heard = now
-        if 0 < self._limits.detour < left and not self._goals.place:
-            why = f"Nav2 makes a detour of {left:.1f} m (detour): the goal is cancelled"
+        if left > DETOUR * self._metric_map.side and not self._goals.place:
+            why = f"Nav2 makes a detour of {left:.1f} m: the goal is cancelled"
             self.give_up(now, "detours", why)
 
     def ended(self, ticket: int, now: float, kind: str, why: str) -> None:
@@ -279,16 +279,12 @@ class Navigator(Mover):
 
     def _send(self, state: GoalState, now: float) -> None:
         """Send the goal if the server has none, unless a waiting time runs."""
-        goals, _, pose, _, (x, y) = state
-        if (
-            self._sent is None
-            and now >= self._again
-            and (self._limits.bring or not goals.place)
-        ):
+        pose = state.pose
+        x, y = state.target
+        if self._sent is None and now >= self._again:
             self._tickets += 1
-            if self._port.send(
-                self._tickets, Pose(x, y, math.atan2(y - pose.y, x - pose.x))
-            ):
+            ahead = math.atan2(y - pose.y, x - pose.x)
+            if self._port.send(self._tickets, Pose(x, y, ahead)):
                 self._sent = _Sent(self._tickets, self._number, now)
             else:
                 self._wait(now)
@@ -308,7 +304,6 @@ class Navigator(Mover):
     def _watch(self, now: float) -> None:
         """Check whether the server still answers."""
         sent = self._sent
-        silence = self._limits.silence
         if sent is None:
             return
         since = sent.since if sent.cancelled is None else sent.cancelled
@@ -321,8 +316,6 @@ class Navigator(Mover):
             self._port.say(why)
             self._port.cancel_all()
             self._wait(now)
-        elif sent.heard is not None and 0 < silence < now - sent.heard:
-            why = (
-                f"Nav2 has said nothing for {silence:g} s (feedback_timeout): cancelled"
-            )
+        elif sent.heard is not None and now - sent.heard > SILENCE_SECONDS:
+            why = f"Nav2 has said nothing for {SILENCE_SECONDS:g} s: the goal is cancelled"
             self.give_up(now, "silent", why)

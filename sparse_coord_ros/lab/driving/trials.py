@@ -22,7 +22,6 @@ from sparse_coord_ros.lab.driving.body_simulator import (
     ELSEWHERE,
     IN_DOORWAY,
     BodySimulator,
-    Noise,
 )
 from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
@@ -31,14 +30,15 @@ from sparse_coord_ros.protocol.lockstep.bodies import BodiesSide, BodyWorld, Goa
 
 _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
 DRIVER_SETTINGS = _TABLES["driver"]
+"""Settings of a driver for its robot's body."""
+
 BODY_SETTINGS = _TABLES["body"]
-"""Settings of a driver for its robot's body, and of the simulator of bodies."""
+"""Settings of the simulator of bodies."""
 
 NAV2_SETTINGS = _TABLES["nav2_driver"]
 """Settings of a driver that leaves the steering to Nav2."""
 
-_ALL = {**DRIVER_SETTINGS, **BODY_SETTINGS, "slips": RUN_SETTINGS["slips"]}
-DRIVE_SETTINGS = SettingTable(_ALL.values())
+DRIVE_SETTINGS = SettingTable([*DRIVER_SETTINGS.values(), RUN_SETTINGS["slips"]])
 """All settings of `drive` for bodies."""
 
 
@@ -53,15 +53,6 @@ def limits_of(values: dict, side: float) -> Limits:
         side, values["speed"], values["turn"]
     )
     return Limits(values["speed"], values["turn"], values["near"] * side, seconds)
-
-
-def simulator_of(run: RunConfig, values: dict, seed: int) -> BodySimulator:
-    """Return the bodies of a run's team; `values`: `BODY_SETTINGS`, `seed`: of their noise."""
-    noise = Noise(values["wheel_noise"], values["pose_noise"])
-    metric_map = MetricMap(run, values["radius"])
-    return BodySimulator(
-        metric_map, len(run.scenario.robots), seed, noise, values["period"]
-    )
 
 
 class Moment(NamedTuple):
@@ -83,7 +74,7 @@ class DrivenTeam:
 
     Args:
         run: the run.
-        values: `DRIVER_SETTINGS` and `BODY_SETTINGS`, typed.
+        values: `DRIVER_SETTINGS`, typed.
         seed: of the bodies' noise.
         world: the game.
 
@@ -100,12 +91,11 @@ class DrivenTeam:
         self, run: RunConfig, values: dict, seed: int, world: BodyWorld
     ) -> None:
         self.bodies = BodiesSide(world, self.send)
-        self.simulator = simulator_of(run, values, seed)
-        metric_map = self.simulator.metric_map
+        count = len(run.scenario.robots)
+        metric_map = MetricMap(run, values["radius"])
+        self.simulator = BodySimulator(metric_map, count, seed)
         limits = limits_of(values, metric_map.side)
-        self.drivers = [
-            Driver(metric_map, limits, k) for k in range(len(self.simulator.bodies))
-        ]
+        self.drivers = [Driver(metric_map, limits, k) for k in range(count)]
         self.moves = 0
         self.followed: int | None = None
         self.path: list[Moment] = []

@@ -18,7 +18,7 @@ from scipy import ndimage
 from sparse_coord_ros.lab.maps.image import FloorPlan
 
 SPECK = 0.12
-"""Metres: what is smaller both ways is noise, unless it is wanted."""
+"""Metres: what is smaller both ways is noise."""
 
 OFFSETS = 10
 """Most offsets that are tried along each axis."""
@@ -71,16 +71,14 @@ class Space:
     past_walls: tuple[np.ndarray, np.ndarray]
 
 
-def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
-    """Return the space for the centre of a robot.
+def space_of(plan: FloorPlan, radius: float) -> Space:
+    """Return the space for the centre of a robot; spots smaller than `SPECK` count as free.
 
     Args:
         plan: the floor plan.
         radius: the robot's, in metres.
-        speck: occupied and unknown spots that are smaller in both directions count as free, in
-            metres.
     """
-    pixels = int(round(speck / plan.resolution))
+    pixels = int(round(SPECK / plan.resolution))
     walls = without_specks(plan.occupied, pixels)
     # Pixels that are neither free nor wall are unknown: specks of noise are filled, rooms never.
     unfree = without_specks(~(plan.free | (plan.occupied & ~walls)) | walls, pixels)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of map_server, as SLAM tools write them: a YAML file and an image, read, written, shown."""
+"""Maps of map_server, as SLAM tools write them: a YAML file and an image, read and shown."""
 
 import base64
 import io
@@ -22,13 +22,11 @@ from sparse_coord_ros.base.errors import (
     message_of,
     retold,
 )
-from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.base.limits import IMAGE, MAP_HEADER, open_regular, read_text
+from sparse_coord_ros.base.files import read_text, write_whole
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import (
     FURTHEST,
     RESOLUTIONS,
-    WALL,
     GridMap,
     number_of,
 )
@@ -114,8 +112,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
     if is_picture(path):
         _check_exists(path)
         raise MapError(_yaml_wanted(path))
-    text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
-    said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
+    text = read_text(path, MapError, "give the YAML file")
+    said = parse_yaml(text, where=str(path), error=MapError)
     if "robots" in said and "image" not in said:
         remedy = f"let a team learn on it: sparse_coord train {path}"
         raise MapError(
@@ -258,22 +256,14 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with open_regular(path, IMAGE) as file:
-                # Pillow may ask for it because of a damaged file
-                content = io.BytesIO(file.read())
-            with Image.open(content) as image:
-                if (
-                    image.width * image.height > IMAGE.elements
-                    or max(image.size) > LONGEST_SIDE
-                ):
+            with Image.open(path) as image:
+                if max(image.size) > LONGEST_SIDE:
                     raise Image.DecompressionBombError
                 image.load()
                 return _values(image)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         remedy = "scale it down, and multiply the resolution by as much"
-        raise MapError(
-            f"{path}: has more than {IMAGE.elements:,} pixels; {remedy}"
-        ) from None
+        raise MapError(f"{path}: has too many pixels; {remedy}") from None
     except FileNotFoundError:
         remedy = (
             "the YAML file's field 'image' is to name it, from the YAML file's folder"
@@ -303,48 +293,6 @@ def _values(image: Image.Image) -> tuple[np.ndarray, np.ndarray]:
         opaque = pixels[..., 3] == 255
         return pixels[..., :3].mean(axis=-1, dtype=np.float32), opaque
     return values, np.ones(values.shape, dtype=bool)
-
-
-def write_floor_plan(
-    grid: GridMap,
-    directory: Path,
-    name: str,
-    *,
-    resolution: float,
-    pixels: int,
-    image: str,
-) -> tuple[Path, Path]:
-    """Write a map in map_server's form; doorways are free.
-
-    Args:
-        grid: the map.
-        directory: the output directory; it must exist.
-        name: the files' stem.
-        resolution: metres a cell.
-        pixels: pixels along the side of a cell.
-        image: "pgm" or "png".
-
-    Returns:
-        The YAML file and the image.
-    """
-    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
-    values = (
-        np.where(free, 254, 0)
-        .astype(np.uint8)
-        .repeat(pixels, axis=0)
-        .repeat(pixels, axis=1)
-    )
-    file = io.BytesIO()
-    Image.fromarray(values).save(file, format={"pgm": "PPM", "png": "PNG"}[image])
-    picture = directory / f"{name}.{image}"
-    said = directory / f"{name}.yaml"
-    fields = {name: one.default for name, one in FIELDS.items()} | {
-        "image": picture.name
-    }
-    fields |= {"resolution": resolution / pixels, "origin": [*grid.origin, 0.0]}
-    write_whole(picture, file.getvalue())
-    write_whole(said, to_yaml(fields))
-    return said, picture
 
 
 def grey(plan: FloorPlan) -> np.ndarray:

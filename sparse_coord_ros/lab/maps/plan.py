@@ -11,7 +11,6 @@ import numpy as np
 from scipy import ndimage
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError
-from sparse_coord_ros.base.limits import MAP
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
@@ -24,6 +23,9 @@ Place = tuple[float, float]
 
 WALL_THICKNESS = 0.3
 """Default thickness of a wall with a doorway, in metres."""
+
+MOST_CELLS = 1_000_000
+"""Most cells and walls of a grid."""
 
 SHOWN = 6
 """Most places in a note."""
@@ -74,10 +76,11 @@ def import_map(
     doorway: Sequence[Place] = (),
     no_doorway: Sequence[Place] = (),
     corridors: bool = False,
-    doorway_length: float | None = None,
-    speck: float = gridding.SPECK,
 ) -> Imported:
     """Make a map of a floor plan.
+
+    A free passage that is longer than the robot's diameter, a wall of `WALL_THICKNESS` and a cell
+    is a corridor, no doorway.
 
     Args:
         plan: the floor plan.
@@ -87,26 +90,19 @@ def import_map(
         doorway: places in cells that become doorways.
         no_doorway: places of doorways that become plain cells.
         corridors: whether the cells of corridors that are one cell wide are doorways too.
-        doorway_length: most metres through a doorway; a longer passage is a corridor. None: of
-            a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
-        speck: spots smaller than this, in metres, are noise.
 
     Raises:
         MapError: the cells are smaller than pixels, or so large that a wall lies between two
             centres; the map has no free cell; or a place is in no free cell.
     """
-    if doorway_length is None:
-        doorway_length = 2 * radius + WALL_THICKNESS + cell
     if cell < plan.resolution:
         allowed = f"at least a pixel of the map, {plan.resolution:g} m"
         raise MapError(f"cell is {cell:g} m, allowed: {allowed}")
     cells = plan.free.size * (plan.resolution / cell) ** 2
-    if cells > MAP.elements:
-        what = (
-            f"the grid would have {cells:,.0f} cells, allowed: up to {MAP.elements:,}"
-        )
+    if cells > MOST_CELLS:
+        what = f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}"
         raise MapError(f"{what}; choose larger cells, or cut the map")
-    layout = _layout_of(plan, cell, radius, speck)
+    layout = _layout_of(plan, cell, radius)
     free = layout.free
     corner = (
         plan.origin[0] + layout.left * plan.resolution,
@@ -127,7 +123,8 @@ def import_map(
             labels,
             1 + np.flatnonzero((sizes >= gridding.CRUMB) | (sizes == sizes.max())),
         )
-    run = max(1, math.floor(doorway_length / cell + 1e-9))
+    longest = 2 * radius + WALL_THICKNESS + cell
+    run = max(1, math.floor(longest / cell + 1e-9))
     found = gridding.across(free, run)
     narrow = narrow_corridors(free)
     if corridors:
@@ -187,11 +184,9 @@ def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
     return tuple(middles)
 
 
-def _layout_of(
-    plan: FloorPlan, cell: float, radius: float, speck: float
-) -> gridding.Gridding:
+def _layout_of(plan: FloorPlan, cell: float, radius: float) -> gridding.Gridding:
     """Return the best grid on a floor plan, which has a free cell."""
-    space = gridding.space_of(plan, radius, speck)
+    space = gridding.space_of(plan, radius)
     if space.blocked.all():
         seen = (
             "no place is wide enough for it" if plan.free.any() else "no pixel is free"

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.base.limits import METADATA, read_text
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.yaml_text import Dumper, parse_yaml
 from sparse_coord_ros.log.bags.records import LATEST_NS
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
@@ -183,10 +183,8 @@ def told_files(directory: Path) -> list[str]:
 def read_information(path: Path) -> Mapping[str, Any]:
     """Return the content of a `metadata.yaml`; empty if it is missing or unreadable."""
     try:
-        text = read_text(path, METADATA, SparseCoordError, "")
-        found = parse_yaml(text, where="", limit=METADATA).get(
-            "rosbag2_bagfile_information"
-        )
+        text = read_text(path, SparseCoordError, "")
+        found = parse_yaml(text, where="").get("rosbag2_bagfile_information")
     except SparseCoordError:
         return {}
     return found if isinstance(found, dict) else {}

@@ -19,7 +19,7 @@ from sparse_coord_ros.log.bags.layout import PARTIAL
 from sparse_coord_ros.log.bags.metadata import told_files
 from sparse_coord_ros.log.bags.records import MESSAGE
 from sparse_coord_ros.log.bags.topics import BagTopic
-from sparse_coord_ros.protocol.wire import BAG_FORMAT, CLOCK, FORMAT_KEY
+from sparse_coord_ros.protocol.wire import CLOCK, FORMAT_KEY
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
@@ -83,7 +83,7 @@ class Bag:
         if run is not None:
             said = run.get(FORMAT_KEY, "")
             number = int(said) if said.isdecimal() and len(said) < 9 else said
-            check_format(number, BAG_FORMAT, str(self.path), BagError)
+            check_format(number, str(self.path), BagError)
 
     @property
     def finished(self) -> bool:

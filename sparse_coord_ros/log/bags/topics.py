@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 from mcap.records import Channel, Schema
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.base.limits import METADATA
 from sparse_coord_ros.base.yaml_text import yaml_value
 from sparse_coord_ros.log.bags.records import Damage
 
@@ -65,7 +64,7 @@ def profiles_from_text(text: str) -> tuple[QoS, ...]:
         BagError: the text is not YAML, or not a list of profiles.
     """
     try:
-        entries = yaml_value(text, where="QoS", limit=METADATA, error=BagError) or []
+        entries = yaml_value(text, where="QoS", error=BagError) or []
         return tuple(_profile(entry) for entry in entries)
     except (BagError, ValueError, OverflowError, TypeError, AttributeError) as error:
         raise BagError("its QoS profiles cannot be read") from error

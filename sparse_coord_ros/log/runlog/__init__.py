@@ -8,8 +8,8 @@
   of a long one.
 - Replayed: `replay` says which intervals between gaps can be computed again, and lets an agent
   follow a robot's actions in one. `relearned` has the tables of any time step.
-- Verified: `verify`, by `game_check` (the world), `agents`, `percepts` and `improved` (plans). The
-  results are in the words of `difference`.
+- Verified: `verify`, by `game_check` (the world), `agents` and `percepts`. The results are in
+  the words of `difference`.
 - Explained: `explain`, each COORDINATE.
 """
 

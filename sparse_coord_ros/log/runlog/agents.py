@@ -3,7 +3,7 @@
 """Check of a robot's logged actions, tables and coordination maps against a computed agent."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -121,24 +121,6 @@ class AgentCheck:
         rewarded = ~np.isnan(self.log.reward[self.trajectory.row, self.k, 0])
         unlearned = rewarded & ~self.trajectory.learned
         return int(unlearned[: self.choices].sum())
-
-    @property
-    def last_counts(self) -> Mapping[str, int] | None:
-        """The counts beside its last tables; None: the log does not contain these tables."""
-        acted = int(self.trajectory.step.max(initial=0))
-        last = max(self.recorded, key=_step, default=None)
-        if last is None or last.step <= acted:
-            return None
-        return {**last.counts, "step": self.end}
-
-    @property
-    def end_known(self) -> bool:
-        """True if the log shows whether the robot learned from its last action.
-
-        Only the counts beside its last tables show it.
-        """
-        could_learn = bool(self.trajectory.told[-1:].any())
-        return self.last_counts is not None or not could_learn
 
     def check(self) -> list[Difference | Unknown]:
         """Return missing tables, and the first action or tables that differ from the agent's."""

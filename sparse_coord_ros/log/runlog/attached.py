@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tables and plans of robots that are attached to a bag."""
+"""The tables of robots that are attached to a bag."""
 
 import hashlib
 import re
@@ -28,7 +28,6 @@ def _pattern(name: str) -> re.Pattern[str]:
 
 
 NAME = _pattern(wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})"))
-PLAN_NAME = _pattern(wire.improved_attachment("(.+)"))
 
 
 class RecordedTables(NamedTuple):
@@ -70,18 +69,6 @@ def attached_tables(
                 yield place, attachment, None
 
 
-class RecordedPlan(NamedTuple):
-    """The plan that a robot made of all robots' tables.
-
-    Attributes:
-        robot: its number from 0.
-        arrays: all attached arrays, by name.
-    """
-
-    robot: int
-    arrays: Mapping[str, np.ndarray]
-
-
 def read_tables(
     bag: Bag, run: RunConfig, backs: Sequence[Rollback] = ()
 ) -> tuple[list[RecordedTables], list[Difference]]:
@@ -118,36 +105,6 @@ def read_tables(
             words = f"of time step {saved_step}", f"of {step}"
             problems.append(Difference(step, robot, TABLES, *words))
         found.append(RecordedTables(k, step, tables, saved.counts, saved.arrays))
-    return found, problems
-
-
-def read_plans(bag: Bag, run: RunConfig) -> tuple[list[RecordedPlan], list[Difference]]:
-    """Return the attachments improved/<robot>.npz, and their problems."""
-    robots = run.scenario.names
-    found: list[RecordedPlan] = []
-    problems: list[Difference] = []
-    copies = _Copies(bag)
-    for in_file, file in enumerate(bag.files):
-        for attachment in file.attachments:
-            name = attachment.name
-            match = PLAN_NAME.fullmatch(name)
-            if match is None or match[1] not in robots:
-                if name.startswith(wire.PLANS_FOLDER):
-                    problems.append(_of_no_robot(attachment))
-                continue
-            copy = copies.of(in_file, attachment)
-            if copy is not None:
-                problems += [Difference(None, match[1], name, *words) for words in copy]
-                continue
-            k = robots.index(match[1])
-            try:
-                saved = unpack_saved(attachment.data, [k + 1], where=name)[0]
-            except TablesError as error:
-                problems.append(
-                    Difference(None, match[1], name, str(error), "a readable plan")
-                )
-                continue
-            found.append(RecordedPlan(k, saved.arrays))
     return found, problems
 
 

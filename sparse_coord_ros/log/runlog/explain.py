@@ -11,6 +11,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.learners.corrections import corrections_of
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.learners.policy import LEAVING
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.agents import first_memory
@@ -204,14 +205,11 @@ def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
     return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
-def leaving_in_words(run: RunConfig) -> str:
-    """Return the reason why a robot that left a stand-off did not make the greedy move."""
-    chance, _ = run.scenario.stand_off.numbers
-    leaves = f"leaves at random (probability {chance:g})"
-    if isinstance(run.known_rule, Factored):
-        return f"asked twice in a row, saw that no robot moved, and {leaves}"
-    return f"stands off, and {leaves}"
-
+LEAVES = (
+    "asked twice in a row, saw that no robot moved, and leaves at random "
+    f"(probability {LEAVING:g})"
+)
+"""The reason why a robot that left a stand-off did not make the greedy move."""
 
 MAY_HAVE_LEFT = (
     "may have left at random: asked twice in a row, and saw that no robot moved"
@@ -239,7 +237,10 @@ def may_have_left(
     stood = None not in now and all(
         was == at for was, at in zip(before, now, strict=True)
     )
-    if run.scenario.stand_off.kind == "wait" or not all(answered) or not stood:
+    rule = run.known_rule
+    if rule is None or not rule.leaves_stand_offs(run.scenario):
+        return False
+    if not all(answered) or not stood:
         return False
     cell = now[robot]
     return bool(run.scenario.map.next_cell[cell, move] != cell)
@@ -313,7 +314,7 @@ def _move(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of the move after the percept, and of the reason for it."""
     run = log.run
     if one.waiting_move is not None:
-        yield f"  {leaving_in_words(run)}"
+        yield f"  {LEAVES}"
     cell = None if log.why_not_computed(one.robot) else one.cell
     waiting_move = one.waiting_move
     if not one.q_values and _may_have_left(log, one):

@@ -77,11 +77,10 @@ class WorldCheck:
         self.statuses = deque(one for one in messages.statuses if one.step in known)
         self.move = log.move.tolist()
         self.asked = log.asked.tolist()
-        self.parts = len(wire.REWARD.labels) + bool(log.run.scenario.referee)
         self._centre_bytes = [centre.tobytes() for centre in self.centres]
         self._position_bytes = _bytes_of_robots(log.position)
-        self._reward_bytes = _bytes_of_robots(log.rewards[..., : self.parts])
-        self._packed = struct.Struct(f"={self.parts}d").pack
+        self._reward_bytes = _bytes_of_robots(log.rewards)
+        self._packed = struct.Struct(f"={len(wire.REWARD.labels)}d").pack
         self.transitions = 0
         self.left_out = 0
         self.resets = 0
@@ -247,7 +246,7 @@ class WorldCheck:
             yield from self._bodies(world, step)
         outcome = world.advance(actions)
         for k in rewarded:
-            due = outcome.rewards[k][: self.parts]
+            due = outcome.rewards[k]
             if self._reward_bytes[k][row] != self._packed(*due):
                 yield from self._other_reward(step, k, due)
         self.transitions += 1
@@ -257,7 +256,7 @@ class WorldCheck:
         self, step: int, k: int, due: Sequence[float]
     ) -> Iterator[Difference]:
         """Yield a difference for a wrong reward, unless another message of the step is right."""
-        logged = self.log.rewards[self.log.row_of[step], k, : self.parts]
+        logged = self.log.rewards[self.log.row_of[step], k]
         others = self.log.messages.rewards[k].others.get(step, ())
         if not _take_right(logged, np.array(due, dtype=np.float64), others):
             words = wire.REWARD.name, _parts(logged.tolist()), _parts(due)
@@ -280,7 +279,7 @@ class WorldCheck:
         world = self.world
         over = world.episode_over or world.transitions == world.scenario.steps
         if over or world.arrived[k]:
-            logged = f"{tuple(self.log.rewards[row, k, : self.parts].tolist())}"
+            logged = f"{tuple(self.log.rewards[row, k].tolist())}"
             computed = "none" if over else "none: it has arrived"
             yield self.difference(step, k, wire.REWARD.name, logged, computed)
         elif step not in self.acted[k]:
@@ -458,6 +457,5 @@ def _take_right(
 
 
 def _parts(numbers: Sequence[float]) -> str:
-    labels = (*wire.REWARD.labels, wire.PARTNERS)
-    pairs = zip(labels, map(float, numbers), strict=False)
+    pairs = zip(wire.REWARD.labels, map(float, numbers), strict=True)
     return " ".join(f"{label}={number!r}" for label, number in pairs)

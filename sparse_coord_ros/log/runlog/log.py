@@ -79,7 +79,7 @@ class RunLog:
         self.episode = np.cumsum(np.diff(self.step, prepend=self.step[:1]) > 1)
         self.position = self._filled(messages.states, "xy", 2)
         self.cells = cell_numbers(self.frame, self.position)
-        self.rewards = self._filled(messages.rewards, "numbers", len(REWARD.labels) + 1)
+        self.rewards = self._filled(messages.rewards, "numbers", len(REWARD.labels))
         self.numbers = self._filled(messages.actions, "numbers", len(ACTION.labels))
         self.move = self._moves()
         self.peer = self._asked_peers()
@@ -161,7 +161,7 @@ class RunLog:
     @property
     def reward(self) -> np.ndarray:
         """Individual, common, ask_cost, total: shape (T, K, 4)."""
-        return self.rewards[..., : len(REWARD.labels)]
+        return self.rewards[..., : REWARD.column("partners")]
 
     @cached_property
     def row_of(self) -> Mapping[int, int]:
@@ -290,7 +290,7 @@ class RunLog:
         columns |= {
             f"percept_{name}": self.percept[..., k] for k, name in enumerate(self.names)
         }
-        labels = [label.replace("total", "reward") for label in REWARD.labels]
+        labels = ("individual", "common", "ask_cost", "reward")
         columns |= {
             label: self.reward[..., place] for place, label in enumerate(labels)
         }

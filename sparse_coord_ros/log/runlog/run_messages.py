@@ -72,7 +72,7 @@ class RunMessages:
     Args:
         bag: the bag, or a part of one.
         found: its run.
-        only: the topics to read, the others seem to have no messages; None: all but `ROSOUT`.
+        only: the topics to read, the others seem to have no messages; None: all.
 
     Attributes:
         bag: the bag.
@@ -93,7 +93,6 @@ class RunMessages:
         ended: whether the world's last status is the end of the run. If only a part is read it is
             True.
         requests: the dialogue.
-        rosout: the decoded messages of `ROSOUT`, if `only` includes it.
         tables: the attached tables.
         stalls: pauses in which the recorder did not run.
         rollbacks: returns of the team to a checkpoint; superseded messages are left out.
@@ -139,20 +138,11 @@ class RunMessages:
         self.ended = over or bag.part or only is not None
         self.requests: list[Request] = []
         self._read_dialogue()
-        self.rosout = [
-            message
-            for rows in self._files
-            if wire.ROSOUT.name in rows
-            for message in rows[wire.ROSOUT.name].tolist()
-        ]
 
     def _forms(self) -> Forms:
         """Return the run's topics by their full names, each with its `Reading`."""
         run = self.run
         frame = Frame(self.run)
-        rewards = messages.REWARD_FORM
-        if run.scenario.referee:
-            rewards = messages.REFEREED_FORM
         of_team: dict[wire.Topic, Reading] = {
             wire.CLOCK: messages.CLOCK_FORM,
             wire.MAP: messages.grid_form(frame, OccupancyData(frame).map),
@@ -161,7 +151,7 @@ class RunMessages:
         }
         of_robot: dict[wire.Topic, Reading] = {
             wire.LOCAL_STATE: messages.POSE_FORM,
-            wire.REWARD: rewards,
+            wire.REWARD: messages.REWARD_FORM,
             wire.ACTION: messages.ACTION_FORM,
             wire.PERCEPT: messages.percept_form(len(self.names)),
             wire.COORDINATION_MAP: messages.grid_form(frame),
@@ -175,11 +165,8 @@ class RunMessages:
 
     def _read(self, only: Only) -> Columns:
         """Read the bag's messages as columns."""
-        forms = dict(self.forms)
-        if only is not None:
-            forms[wire.ROSOUT.name] = wire.ROSOUT, _as_it_is
         begins = {back.file: (back.first - 1) * self._period for back in self._backs}
-        return Columns(self.bag, forms, only, self._period, begins)
+        return Columns(self.bag, self.forms, only, self._period, begins)
 
     @property
     def incomplete(self) -> bool:
@@ -516,10 +503,6 @@ class RunMessages:
                 self.foreign.append(one)
             elif step < end and not (unasked and may_be_asked_before(step, back)):
                 self.problems.append(one)
-
-
-def _as_it_is(message: Any) -> Any:
-    return message
 
 
 def _of_status(status: RunStatus, *words: str) -> Difference:

@@ -25,7 +25,6 @@ from sparse_coord_ros.log.runlog.difference import (
     Unknown,
 )
 from sparse_coord_ros.log.runlog.game_check import WorldCheck
-from sparse_coord_ros.log.runlog.improved import check_plans
 from sparse_coord_ros.log.runlog.log import RunLog, read_run
 from sparse_coord_ros.log.runlog.percepts import check_percepts
 from sparse_coord_ros.log.runlog.replay import Interval, intervals, trajectory_of
@@ -108,7 +107,6 @@ def verify(path: Path) -> Verification:
     comparison = _Comparison(log)
     for interval in intervals(log):
         comparison.compare(interval)
-    comparison.compare_plans()
     differences = sorted(dict.fromkeys(comparison.differences), key=_rank)
     unknown = comparison.unknown
     since = _unknown_since(log, differences)
@@ -156,7 +154,6 @@ class _Comparison:
         self.unknown: list[Unknown] = []
         self.worlds: list[WorldCheck] = []
         self.agents: list[AgentCheck] = []
-        self._team: list[AgentCheck] = []
         for one in log.problems:
             if one.step is None:
                 self._add_problem_of_run(one)
@@ -178,23 +175,22 @@ class _Comparison:
         """Compare an interval; a lost one is unknown."""
         log = self.log
         if interval.lost:
-            self._team = []
             why = _why_lost(log, interval)
             self.unknown.append(Unknown(interval.first, interval.last, why))
             return
         world = WorldCheck(log, interval)
         robots = range(len(log.names))
         done = [trajectory_of(log, k, interval) for k in robots]
-        self._team = [AgentCheck(log, k, interval, done[k]) for k in robots]
+        team = [AgentCheck(log, k, interval, done[k]) for k in robots]
         self.worlds.append(world)
-        self.agents += self._team
+        self.agents += team
         left_out: list[str] = []
         with leaving_out("percepts and answers", left_out.append):
             self._add(interval, check_percepts(log, done))
         self._add(interval, log.problems)
         self._add(interval, world.check())
         with leaving_out("actions and tables", left_out.append):
-            for agent in self._team:
+            for agent in team:
                 why_not = log.why_not_computed(agent.k)
                 if why_not is None:
                     self._add(interval, agent.check())
@@ -211,22 +207,6 @@ class _Comparison:
                     self.unknown.append(one)
             elif one.step is not None and interval.holds(one.step):
                 self.differences.append(one)
-
-    def compare_plans(self) -> None:
-        """Compare the robots' plans with those that follow from their tables at the end.
-
-        After a difference, or a loss at the end, the tables are unknown.
-        """
-        team = [] if self.differences else self._team
-        left_out: list[str] = []
-        with leaving_out("plans", left_out.append):
-            for one in check_plans(self.log, team):
-                if isinstance(one, Unknown):
-                    self.unknown.append(one)
-                else:
-                    self.differences.append(one)
-        for why in left_out:
-            self.unknown.append(Unknown(0, None, why))
 
     def notes(self) -> dict[str, int]:
         """Return the notes of `Verification`."""

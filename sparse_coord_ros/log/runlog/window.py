@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.limits import TABLES
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
@@ -205,7 +204,7 @@ class LongLog:
         if at is None:
             return None
         place = known[at]
-        [saved] = unpack_saved(place.data, [robot + 1], where=place.name, limit=TABLES)
+        [saved] = unpack_saved(place.data, [robot + 1], where=place.name)
         tables = tables_of(self.run.scenario, self.run.known_rule, robot, saved.memory)
         return RecordedTables(robot, at, tables, saved.counts, saved.arrays)
 

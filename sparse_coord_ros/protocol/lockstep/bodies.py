@@ -12,7 +12,6 @@ people or programs bring real ones there, and the world waits.
 """
 
 from collections.abc import Callable, Sequence
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -23,14 +22,6 @@ NO_CELL = -1
 
 BEGIN = 1.0
 """Seconds at which simulated time begins. A pose of this time may be older than all goals."""
-
-
-class HaltOrder(IntEnum):
-    """The world's last order to all drivers on halting: none so far, halt, or continue."""
-
-    NOTHING = 0
-    HALT = 1
-    GO_ON = 2
 
 
 class BodyGoal(NamedTuple):
@@ -58,7 +49,6 @@ class Goals(NamedTuple):
         since: the time of the newest pose in earlier reports, by the clock of the poses. Drivers
             act only on newer poses: by then the simulator of the bodies knows the goals.
         bodies: the goals of the bodies that get one, in the robots' order.
-        halt: the order on halting, which overrides the goals.
     """
 
     number: int
@@ -66,7 +56,6 @@ class Goals(NamedTuple):
     place: bool
     since: float
     bodies: tuple[BodyGoal, ...]
-    halt: HaltOrder = HaltOrder.NOTHING
 
 
 NO_GOALS = Goals(0, 0, False, BEGIN, ())

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
-from sparse_coord_ros.base import limits, palette
-from sparse_coord_ros.base.limits import Limit
+from sparse_coord_ros.base import palette
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
@@ -57,7 +56,6 @@ class Topic:
         recorded: whether bags contain it unchanged.
         labels: the names of the numbers of a sensor_msgs/JointState. A reader looks numbers up by
             their labels, so a sender may add others.
-        limit: larger messages are dropped unread.
     """
 
     name: str
@@ -67,7 +65,6 @@ class Topic:
     packed: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
-    limit: Limit = limits.MESSAGE
 
     def of(self, owner: str) -> str:
         """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
@@ -138,15 +135,10 @@ class SelfReport(NamedTuple):
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """Labels of the numbers of an action in `action`; the fields of `SelfReport` follow them."""
 
-PARTNERS = "partners"
-"""A further label of `reward` in a world with a `referee`: the sum of 2^(j-1) over the robots j
-(from 1) with which the robot interacted."""
-
 TEAM, ROBOT, NODE = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
-_TRUTH = "std_msgs/msg/Bool"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _NUMBERS = "sensor_msgs/msg/JointState"
 _GRID = "nav_msgs/msg/OccupancyGrid"
@@ -159,7 +151,7 @@ _BYTES = "std_msgs/msg/UInt8MultiArray"
 _ROSOUT = "rcl_interfaces/msg/Log"
 _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
-RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
+RUN = Topic("run", _STRING, TEAM, _LATCHED)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 """Outside any namespace this is /clock, which nodes with `use_sim_time` follow. In a run whose
@@ -167,17 +159,20 @@ CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
 
 HIDDEN_CLOCK = "_clock"
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True, limit=limits.PICTURE)
-SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True)
+SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED)
 """For people only: names of robots, questions, robots in doorways."""
 
-DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
+DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT)
 """Absolute, by REP 107, so that an aggregator receives every team; drivers and other teams publish
 here too. The stamps are of the wall clock, without a frame."""
 
 LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, packed=True)
-REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+REWARD_LABELS = ("individual", "common", "ask_cost", "total", "partners")
+"""The parts of R_k(t) and their sum; and the sum of 2^(j-1) over the robots j (from 1) with which
+the robot interacted."""
+
 REWARD = Topic("reward", _NUMBERS, ROBOT, _STEP, packed=True, labels=REWARD_LABELS)
 ACTION = Topic(
     *("action", _NUMBERS, ROBOT, _STEP),
@@ -185,13 +180,11 @@ ACTION = Topic(
     labels=(*ACTION_LABELS, *SelfReport._fields),
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
-COORDINATION_MAP = Topic(
-    *("coordination_map", _GRID, ROBOT, _LATCHED), packed=True, limit=limits.PICTURE
-)
+COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=True)
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """A robot's report on its checkpoints, and the recorder's on the orders that it has received."""
 
-TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False, limit=limits.TABLES)
+TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False)
 """A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
@@ -211,11 +204,10 @@ RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
 BODY_GOALS = Topic(
     *("goals", _NUMBERS, TEAM, _LATCHED),
     recorded=False,
-    labels=("number", "place", "since", "halt"),
+    labels=("number", "place", "since"),
 )
 """The goals of bodies; see `protocol.lockstep.bodies`. After its own numbers come, for each robot
-with a goal, `GOAL_LABELS` below the robot's name: `robot_1/from`, `robot_1/to`, cells. The order
-on halting is in the same message: a driver that starts late never receives a goal without it."""
+with a goal, `GOAL_LABELS` below the robot's name: `robot_1/from`, `robot_1/to`, cells."""
 
 GOAL_LABELS = ("from", "to")
 
@@ -225,35 +217,24 @@ REACHED = Topic(
 )
 """A driver's report of the body's cell at the end of its goal; cell -1: in none."""
 
-HALTED = Topic("halted", _TRUTH, ROBOT, _LATCHED, recorded=False)
-"""A driver's report: whether it has stopped the body because of an order to halt."""
-
 POSE = Topic("pose", _POSE, ROBOT, _STEP, recorded=False)
 ODOMETRY = Topic("odom", _ODOMETRY, ROBOT, _STEP, recorded=False)
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
 """Topics of bodies: their poses by their localisation and by their wheels; their commands."""
 
-ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT, limit=limits.PICTURE)
-PARAMETER_EVENTS = Topic(
-    "/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=limits.PICTURE
-)
+ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
+PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All topics, in the order above."""
 
 TABLES_FOLDER = "tables/"
-PLANS_FOLDER = "improved/"
-"""Prefixes of the names of a bag's attached tables, and of the plans made from them."""
+"""The prefix of the names of a bag's attached tables."""
 
 
 def tables_attachment(robot: str, step: int | str) -> str:
     """Return the name of the attachment of a robot's tables of a time step."""
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
-
-
-def improved_attachment(robot: str) -> str:
-    """Return the name of the attachment of a robot's improved tables."""
-    return f"{PLANS_FOLDER}{robot}.npz"
 
 
 WORLD = "world_simulator"
@@ -281,11 +262,8 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 peer was behind; transitions without learning as no reward came; updates; the time step of the
 tables."""
 
-BAG_FORMAT = 4
-"""Version of a bag's content, in its metadata record. In format 1 runs had no `bodies`."""
-
 FORMAT_KEY = "format"
-"""The key of this version there."""
+"""The key of the format's number in a bag's metadata record."""
 
 
 class RunState(StrEnum):
@@ -296,7 +274,6 @@ class RunState(StrEnum):
     LEARNING = "learning"
     GREEDY = "acting greedily"
     PAUSED = "paused"
-    HALTED = "halted"
     FINISHED = "finished"
     STOPPED = "stopped"
 
@@ -335,5 +312,4 @@ class Occasion(StrEnum):
 
     INITIAL = "initial"
     CHECKPOINT = "checkpoint"
-    IMPROVED = "improved"
     FINAL = "final"

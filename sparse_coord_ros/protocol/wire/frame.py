@@ -32,7 +32,6 @@ class Frame:
         origin: (x, y) of the map's lower left corner, in metres.
         period: nanoseconds a time step.
         centres: (x, y) of the middle of each free cell, in metres.
-        referee: whether rewards contain the peers with which a robot interacted.
         names: the robots' names; robots: their number.
     """
 
@@ -40,7 +39,6 @@ class Frame:
         self.grid: GridMap = run.scenario.map
         self.resolution = run.resolution
         self.origin = x, y = self.grid.origin
-        self.referee = run.scenario.referee
         self.names = run.scenario.names
         self.robots = len(self.names)
         self.period = round(run.step_period * SECOND)

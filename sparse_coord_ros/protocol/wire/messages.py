@@ -193,8 +193,6 @@ POSE_FORM = MessageForm(
 )
 ACTION_FORM = labelled(wire.ACTION.labels)
 REWARD_FORM = labelled(wire.REWARD.labels)
-REFEREED_FORM = labelled((*wire.REWARD.labels, wire.PARTNERS))
-"""The form of rewards in a world with a `referee`."""
 
 
 def path(count: int) -> list[Item]:
@@ -353,7 +351,6 @@ class Messages(Frame):
     ) -> None:
         super().__init__(run)
         self._decode = decode
-        self._reward = REFEREED_FORM if self.referee else REWARD_FORM
         self._grids = OccupancyData(self)
         self._grid = grid_form(self).layout
         self._markers = markers_form(self, run.scenario).layout
@@ -402,8 +399,7 @@ class Messages(Frame):
 
     def pack_reward(self, step: int, reward: Reward) -> bytes:
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
-        numbers = reward if self.referee else reward[: len(wire.REWARD.labels)]
-        return self._reward.layout.pack(*self.stamp(step), *numbers)
+        return REWARD_FORM.layout.pack(*self.stamp(step), *reward)
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
         """Return (step, reward) of a reward.
@@ -411,13 +407,13 @@ class Messages(Frame):
         Raises:
             ValueError: labels are missing or doubled, or a value is not a number.
         """
-        sec, nanosec, *numbers = self._read(wire.REWARD, self._reward, data)
+        sec, nanosec, *numbers = self._read(wire.REWARD, REWARD_FORM, data)
         if not all(map(isfinite, numbers)):
             raise ValueError(
                 f"says the rewards {', '.join(map(str, numbers))}: not finite"
             )
-        individual, common, cost, total, *partners = numbers
-        reward = Reward(individual, common, cost, total, *map(int, partners))
+        individual, common, cost, total, partners = numbers
+        reward = Reward(individual, common, cost, total, int(partners))
         return self.checked_step(sec, nanosec), reward
 
     def pack_action(self, step: int, action: Action, report: wire.SelfReport) -> bytes:

@@ -25,19 +25,12 @@ class Service:
 ACTIVE_PERCEPTION = Service("active_perception", "nav_msgs/srv/GetPlan")
 """Of a robot: return its cell."""
 
-LEARNED = Service("learned", "std_srvs/srv/Trigger")
-"""Of a robot in a run with `improve`, after learning: return its memory, as base64 text of the
-bytes of `core.runs.tables.pack_tables`."""
-
 SAVE = Service("save", "std_srvs/srv/Trigger")
 """Of a robot, or a team: write the tables."""
 
 PAUSE = Service("pause", "std_srvs/srv/SetBool")
 STEP = Service("step", "std_srvs/srv/Trigger")
 """Of the world and the player: pause or resume; make one time step."""
-
-HALT = Service("halt", "std_srvs/srv/SetBool")
-"""Of a world with bodies, and of each driver: stop all bodies, or this one; or continue."""
 
 RESET = Service("reset", "std_srvs/srv/Trigger")
 """Of the world: begin a new episode."""

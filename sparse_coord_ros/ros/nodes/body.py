@@ -7,22 +7,22 @@ import time
 from collections import Counter
 from typing import Any, Unpack
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.run_config import NO_CLOCK, RunConfig
 from sparse_coord_ros.lab.driving.body_simulator import (
     ELSEWHERE,
     IN_DOORWAY,
+    PERIOD,
     BodySimulator,
 )
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command
 from sparse_coord_ros.lab.driving.transforms import parent_of
-from sparse_coord_ros.lab.driving.trials import simulator_of
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.protocol.wire.frame import SECOND
@@ -39,14 +39,14 @@ REPEAT_POSES_SECONDS = 0.5
 FASTEST = 1000.0
 """Speed limit, in metres or radians a second: larger commands are ignored."""
 
-MOST_MOMENTS = 1_000_000
-"""The paths are kept for this many ticks at most."""
-
 
 class BodyNode(Follower):
     """Receives bodies' commands (Twist), and publishes their poses: PoseStamped, Odometry, tf.
 
+    In a run whose world does not own the clock it publishes the simulated time there.
+
     Args:
+        period: simulated seconds a tick.
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
@@ -58,22 +58,25 @@ class BodyNode(Follower):
 
     simulator: BodySimulator
 
-    def __init__(self, **place: Unpack[NodePlace]) -> None:
+    def __init__(self, *, period: float = PERIOD, **place: Unpack[NodePlace]) -> None:
         super().__init__("body", PARAMETERS["body"], **place)
+        self._period = period
         self._said = time.monotonic()
-        self._paths: list[list[float]] = []
         self._time_publisher: Publisher | None = None
-        if self.values["body_clock"]:
-            self._time_publisher = self.announce(ros_topics.CLOCK)
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
         convert = Converter(run)
         names = convert.names
-        self.simulator = simulator_of(run, self.values, run.seed)
+        metric_map = MetricMap(run, self.values["radius"])
+        self.simulator = BodySimulator(
+            metric_map, len(names), run.seed, period=self._period
+        )
         self.simulator.put(
             {k: robot.start for k, robot in enumerate(run.scenario.robots)}
         )
+        if run.clock == NO_CLOCK:
+            self._time_publisher = self.announce(ros_topics.CLOCK)
         self._report = self.reporter("bodies")
         self._pose_publishers = [self.announce(ros_topics.POSE, name) for name in names]
         self._odometry_publishers = [
@@ -95,9 +98,7 @@ class BodyNode(Follower):
                 ros_topics.REACHED, self._on_reached, name, read=report
             )
         if self.values["body_rate"] > 0:
-            self.create_timer(
-                self.values["period"] / self.values["body_rate"], self._on_time
-            )
+            self.create_timer(self._period / self.values["body_rate"], self._on_time)
         self._say(look=True)
 
     def _on_goals(self, goals: Goals) -> None:
@@ -129,9 +130,6 @@ class BodyNode(Follower):
         self._said = time.monotonic()
         if look:
             self._looks = [body.seen() for body in simulator.bodies]
-            if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
-                places = [number for body in simulator.bodies for number in body.pose]
-                self._paths.append([simulator.seconds, *places])
         sec, nanosec = divmod(round(simulator.seconds * SECOND), SECOND)
         stamp = Time(sec=sec, nanosec=nanosec)
         if self._time_publisher is not None:
@@ -178,15 +176,11 @@ class BodyNode(Follower):
         }
 
     def finish(self, *, interrupted: bool) -> None:
-        """Log the counts of events, and write the paths."""
+        """Log the counts of events."""
         if self.presence is None:
             return
         said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
         self.get_logger().info(f"bodies: {said}")
-        if self.values["paths"]:
-            rows = np.array(self._paths)
-            places = rows[:, 1:].reshape(len(rows), len(self.simulator.bodies), 3)
-            np.savez_compressed(self.values["paths"], seconds=rows[:, 0], poses=places)
 
 
 def read_command(message: Twist) -> Command:

@@ -63,7 +63,7 @@ class DriverNode(MoverNode):
         heard = self._cmd_vel.get_subscription_count() > 0
         return "" if heard else f"a body that hears {self._cmd_vel.topic_name}"
 
-    def halt(self, why: str = "") -> None:
+    def stop(self, why: str = "") -> None:
         """Stop the body."""
         self._command(STOP)
         if why:

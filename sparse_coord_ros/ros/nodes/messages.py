@@ -21,7 +21,6 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
     BodyGoal,
     GoalReport,
     Goals,
-    HaltOrder,
 )
 from sparse_coord_ros.protocol.wire import (
     BODY_GOALS,
@@ -67,12 +66,7 @@ class Converter(Messages):
     def goals_message(self, goals: Goals) -> JointState:
         """Return the goals of bodies as a message."""
         labels = list(BODY_GOALS.labels)
-        numbers = [
-            float(goals.number),
-            float(goals.place),
-            goals.since,
-            float(goals.halt),
-        ]
+        numbers = [float(goals.number), float(goals.place), goals.since]
         for robot, *cells in goals.bodies:
             labels += [f"{self.names[robot]}/{label}" for label in GOAL_LABELS]
             numbers += map(float, cells)
@@ -100,7 +94,6 @@ class Converter(Messages):
             place=bool(_whole(said, "place", 0, 1)),
             since=_time(said, "since"),
             bodies=tuple(bodies),
-            halt=HaltOrder(_whole({"halt": 0.0, **said}, "halt", 0, max(HaltOrder))),
         )
 
     def reached_message(self, step: int, reached: GoalReport) -> JointState:

@@ -1,11 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the nodes that move a body: goals and poses in, reports out, a lifecycle, halting.
+"""Base of the nodes that move a body: goals and poses in, reports out, a lifecycle.
 
-A halted driver stops its body, whatever its goals are. The order to halt comes in the world's
-`goals`, or by the driver's own service `halt`. The driver continues only after a new order:
-neither a world that comes back nor a page that is closed sets bodies in motion. On its topic
-`halted` it tells the world, which then halts the others too.
+A body moves only while the world's `status` lets it: while the team is paused, or goes back to a
+checkpoint, its driver stops it, whatever its goals are. The driver's diagnostics say so.
 """
 
 import functools
@@ -18,15 +16,15 @@ from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState
 from rclpy.lifecycle.node import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Bool
 
 from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
-from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals, HaltOrder
-from sparse_coord_ros.protocol.wire import WORLD, services
+from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals
+from sparse_coord_ros.protocol.wire import OVER, WORLD, RunState
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
@@ -60,7 +58,10 @@ HEAP_SECONDS = 0.2
 """Poses that arrive closer together than this waited in a queue: they were published long ago."""
 
 STAND_SECONDS = 0.1
-"""Between two commands to stop while a driver is halted: a base may miss one."""
+"""Between two commands to stop while the team is paused: a base may miss one."""
+
+STANDING = (RunState.PAUSED, RunState.RESUMING, *OVER)
+"""The states of a run in which bodies stand."""
 
 DONE = TransitionCallbackReturn.SUCCESS
 
@@ -77,7 +78,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         robot: the robot's name.
         on_duty: whether the node has all its inputs, and the world receives its reports.
         active: whether the lifecycle allows it to move the body.
-        halted: whether it was told to stop the body, and not yet to continue.
+        held: whether the world lets no body move; before its first status, too.
 
     Raises:
         SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
@@ -91,20 +92,17 @@ class MoverNode(Follower, LifecycleNodeMixin):
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
         change.callback = self.guarded(change.callback, "change_state")
-        self.active = self.halted = self.on_duty = False
-        self._word: HaltOrder | None = None
+        self.active = self.on_duty = False
+        self.held = True
         self._stood = 0.0
         self._mover: Mover | None = None
         self._step = 0
         self._seen = 0.0
         self._stopped = self._leaving = False
         self._reached_publisher: Any = None
-        self._halted_publisher = self.announce(ros_topics.HALTED, self.robot)
-        self._halted_publisher.publish(Bool(data=False))
-        self.offer(services.HALT, self._on_halt)
-        if self.values["autostart"]:
-            self.trigger_configure()
-            self.trigger_activate()
+        self._report = self.reporter("driving")
+        self.trigger_configure()
+        self.trigger_activate()
 
     def make(self, metric_map: MetricMap, number: int) -> Mover:
         """Return the state machine that moves the body of a robot."""
@@ -118,24 +116,24 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Return a text about a missing input of the node, other than poses, or an empty text."""
         raise NotImplementedError
 
-    def halt(self, why: str = "") -> None:
+    def stop(self, why: str = "") -> None:
         """Stop the body; `why`: its pose is not known."""
         raise NotImplementedError
 
     def stands(self) -> bool:
-        """Return whether the halted body has been stopped."""
+        """Return whether the body has been stopped."""
         raise NotImplementedError
 
     def settled(self) -> bool:
         """Stop the body for good; return whether all confirmations of it have come."""
         self.active = False
-        self.halt()
+        self.stop()
         return True
 
     @property
     def may_drive(self) -> bool:
         """True if the body may move; not before the world receives the reports on its goals."""
-        return self.active and self.on_duty and not self.halted
+        return self.active and self.on_duty and not self.held
 
     def set_up(self) -> None:
         """Find the robot of the body."""
@@ -206,7 +204,6 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def _on_goals(self, goals: Goals) -> None:
         self._step = goals.step
-        self._hear_word(goals.halt)
         if self._mover is not None:
             self._mover.take(goals)
             if self.may_drive:
@@ -221,9 +218,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Report for duty when all inputs are there; stop a body whose poses do not come."""
         if self._leaving:
             self.done = self.settled()
-        if self.halted and now - self._stood >= STAND_SECONDS:
+        if self.held and now - self._stood >= STAND_SECONDS:
             self._stood = now
-            self.halt()
+            self.stop()
         if not self.active or self._mover is None:
             return
         if not self.on_duty:
@@ -232,7 +229,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         limit = self.values["pose_timeout"]
         if self._mover.busy and 0 < limit < now - self._seen and not self._stopped:
             self._stopped = True
-            self.halt(
+            self.stop(
                 f"no pose of {self.robot} for {limit:g} s (pose_timeout): it is stopped"
             )
 
@@ -272,49 +269,34 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Stop the body, whatever ends the node."""
         self.settled()
 
-    # Halting.
+    # Pauses.
 
-    def _on_halt(self, hold: bool) -> tuple[bool, str]:
-        """Answer the node's own service; a repeated request asks whether the body has stopped."""
-        self.set_halted(hold, f"its service {services.HALT.name}")
-        if not hold:
-            return True, "continues"
-        if self.stands():
-            return True, "stands"
-        return False, "is being stopped: ask again"
-
-    def _hear_word(self, word: HaltOrder) -> None:
-        """Obey the world's order on halting; a repeated one has no effect.
-
-        The first order that arrives may be old: it lets no body continue.
-        """
-        before = self._word
-        self._word = word
-        if word == before:
+    def world_said(self, said: RunStatus) -> None:
+        """Stop the body where the team is paused, and let it go on with the team."""
+        held = said.state in STANDING
+        if held == self.held:
             return
-        if word == HaltOrder.HALT:
-            self.set_halted(True, "the world")
-        elif word == HaltOrder.GO_ON and before is not None:
-            self.set_halted(False, "the world")
-
-    def set_halted(self, halted: bool, by: str) -> None:
-        """Halt the body, or let it continue.
-
-        Args:
-            halted: True: halt.
-            by: the source of the order.
-        """
-        if halted != self.halted:
-            self.halted = halted
-            self._halted_publisher.publish(Bool(data=halted))
-            what = "stops" if halted else "may continue"
-            self.get_logger().warning(
-                f"the body of {self.robot} {what}: ordered by {by}"
-            )
-        if halted:
-            self.halt()
+        self.held = held
+        if held:
+            self.stop()
         else:
             self._begin_again()
+        self.report()
+
+    @property
+    def doing(self) -> str:
+        """The body's activity, in words."""
+        if not self.active:
+            return "inactive"
+        if self.held:
+            return "paused: stands" if self.stands() else "paused: is being stopped"
+        if not self.on_duty:
+            return "waiting"
+        return "driving" if self._mover is not None and self._mover.busy else "standing"
+
+    def report(self) -> None:
+        """Publish what the body does as diagnostics."""
+        self._report(self.doing, {"robot": self.robot})
 
     def _begin_again(self) -> None:
         """Drive if that is allowed again; the time limit of the move begins anew."""
@@ -333,7 +315,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the body until the node is activated again."""
         self.active = False
-        self.halt()
+        self.stop()
         return DONE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:

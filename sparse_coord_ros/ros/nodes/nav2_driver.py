@@ -6,8 +6,7 @@ The action must have one server: goals go to all servers, and two would steer on
 finds one server before the other. So before its first goal the node waits until it has seen a
 single server for a while. It ends if a second server stays. A server that appears later is
 reported: to stop halfway would not help. (rclpy's EventsExecutor ends the process with a
-segmentation fault when several servers answer. Its SingleThreadedExecutor does not, and is the
-default.)
+segmentation fault when several servers answer; its SingleThreadedExecutor does not.)
 """
 
 import functools
@@ -18,6 +17,7 @@ from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from sparse_coord_ros.base.errors import RunError, needed
@@ -33,9 +33,6 @@ ENDINGS = {
     GoalStatus.STATUS_CANCELED: "cancelled by others",
 }
 """The counter of each status of a failed goal; any other status is of a server that came back."""
-
-HALT_SECONDS = 1.0
-"""After so long the same request to halt is a new one: it may be for a newer goal."""
 
 TWO_SERVERS_SECONDS = 25.0
 """How long a second server may stay: a killed one stays in the graph for 20 s."""
@@ -80,17 +77,11 @@ class Nav2DriverNode(MoverNode):
         self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
-        self._halting: tuple[float, Future] | None = None
 
     def make(self, metric_map: MetricMap, number: int) -> Navigator:
         """Return the state machine that decides on goals."""
-        values = self.values
-        side = metric_map.side
-        near = values["near"] * side
-        detour = values["detour"] * side
-        seconds = values["step_seconds"]
-        silence = values["feedback_timeout"]
-        limits = NavLimits(near, seconds, silence, detour, values["bring"])
+        near = self.values["near"] * metric_map.side
+        limits = NavLimits(near, self.values["step_seconds"])
         self.navigator = Navigator(metric_map, limits, number, self)
         return self.navigator
 
@@ -107,7 +98,8 @@ class Nav2DriverNode(MoverNode):
         self.drive()
 
     def report(self) -> None:
-        """Warn if Nav2's action has a second server by now; called every second."""
+        """Also warn if Nav2's action has a second server by now."""
+        super().report()
         servers = self._servers()
         if self.on_duty and len(servers) > 1:
             text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
@@ -145,28 +137,16 @@ class Nav2DriverNode(MoverNode):
         waits = not answer.done() and now - since < ANSWER_SECONDS
         return "Nav2 to end earlier goals" if waits else ""
 
-    def halt(self, why: str = "") -> None:
-        """Cancel the current goal; while the driver is halted, all goals of Nav2."""
+    def stop(self, why: str = "") -> None:
+        """Cancel the current goal."""
         if self._mover is not None:
             if why:
                 self.navigator.give_up(self._now(), "poses lost", why, blind=True)
             self.drive()
 
-    def set_halted(self, halted: bool, by: str) -> None:
-        """Cancel all of Nav2's goals, of any client; ask again at each call."""
-        super().set_halted(halted, by)
-        now = time.monotonic()
-        if not halted:
-            self._halting = None
-        elif self._halting is None or now - self._halting[0] >= HALT_SECONDS:
-            if self._halting is not None:
-                self._cancelling.remove_pending_request(self._halting[1])
-            self._halting = now, self.cancel_all()
-
     def stands(self) -> bool:
-        """Return whether Nav2 has confirmed that all goals are over."""
-        clear = self._mover is None or self.navigator.clear
-        return clear and self._halting is not None and self._halting[1].done()
+        """Return whether Nav2 has confirmed that the goal is over."""
+        return self._mover is None or self.navigator.clear
 
     def settled(self) -> bool:
         """Cancel Nav2's goals; return whether it has confirmed the end, or time is up."""
@@ -206,7 +186,7 @@ class Nav2DriverNode(MoverNode):
                 f"no server of {self._name}", throttle_duration_sec=5.0
             )
             return False
-        goal = self._type.Goal(behavior_tree=self.values["behavior_tree"])
+        goal = self._type.Goal()
         goal.pose.header.frame_id = self.values["map_frame"]
         goal.pose.pose = pose_message(target)
         heard = self.guarded(functools.partial(self._on_feedback, ticket))
@@ -259,4 +239,7 @@ class Nav2DriverNode(MoverNode):
 
 def main() -> int:
     """Run the node `nav2_driver`."""
-    return run_node(lambda context: Nav2DriverNode(context=context))
+    return run_node(
+        lambda context: Nav2DriverNode(context=context),
+        executor=lambda context: SingleThreadedExecutor(context=context),
+    )

@@ -4,13 +4,11 @@
 
 It replaces robots, localisation and Nav2: for a rehearsal of the procedure of docs/real_robots.md,
 and for the tests. A base is a point that goes straight to its goal at a constant speed, through
-walls too. As in Nav2 a new goal pre-empts the one before it. The parameter `fault` reproduces
-failures of Nav2.
+walls too. As in Nav2 a new goal pre-empts the one before it.
 """
 
 import math
-import time
-from typing import Any, Unpack
+from typing import Any, ClassVar, Unpack
 
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
@@ -35,32 +33,6 @@ from sparse_coord_ros.ros.nodes.transforms import (
 
 SIMULATION_SECONDS = 0.02
 
-LATE_SECONDS = 3.0
-"""Delay after which a goal is accepted too late: a nav2_driver has given it up by then."""
-
-NEVER_SECONDS = 3600.0
-"""Delay after which a server that does not answer accepts a goal."""
-
-DETOUR_METRES = 50.0
-
-NO_PROGRESS = 105
-"""Nav2's error code of an aborted goal whose robot made no progress."""
-
-NONE = "none"
-ABORT = "abort"
-REJECT = "reject"
-LATE = "late"
-DEAF = "deaf"
-SILENT = "silent"
-DETOUR = "detour"
-LIE = "lie"
-TAKE_AWAY = "take_away"
-STUCK = "stuck"
-"""The outcome of a goal. The base gets there; the goal is aborted at once; rejected; accepted much
-too late; never answered; accepted without feedback; its feedback says that 50 m are left; it
-succeeds although the base is not there; it ends as if another client had cancelled it; the base
-does not move."""
-
 
 class Base:
     """One simulated base, and its server.
@@ -73,57 +45,35 @@ class Base:
     Attributes:
         pose: its pose.
         speed: metres a second.
-        faults: the faults of its next goals; later ones have that of the parameter `fault`.
-        goals: number of goals received.
         active: the goal in progress, or None.
-        fault: its fault.
-        ended: the ends of the goals, in order.
-        lost: whether its pose is not published.
     """
 
     def __init__(
         self, node: "Nav2StandIn", name: str, place: tuple[float, float]
     ) -> None:
-        self._node = node
+        self.node = node
         self.pose = Pose(*place, 0.0)
         self.speed: float = node.values["speed"]
-        self.faults: list[str] = []
-        self.goals = 0
         self.active: ServerGoalHandle | None = None
-        self.fault = NONE
-        self.ended: list[str] = []
-        self.lost = False
         self._target = self.pose
         self._over: Future | None = None
-        self._waiting: list[tuple[float, Future]] = []
-        self._accepted: list[str] = []
         self._poses = node.create_publisher(PoseStamped, f"{name}/pose", 10)
         self._transforms = TransformPublisher(node, f"{name}/tf")
         self._server = ActionServer(
             node,
             node.action,
             f"{name}/navigate_to_pose",
-            execute_callback=self._execute,
-            goal_callback=self._answer,
+            execute_callback=self.execute,
+            goal_callback=self.answer,
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
         )
         node.at_end.callback(self._server.destroy)
 
-    async def _answer(self, goal: Any) -> GoalResponse:
-        """Accept or reject a goal; maybe much later."""
-        self.goals += 1
-        fault = self.faults.pop(0) if self.faults else self._node.values["fault"]
-        if fault in (LATE, DEAF):
-            seconds = LATE_SECONDS if fault == LATE else NEVER_SECONDS
-            answer = Future()
-            self._waiting.append((time.monotonic() + seconds, answer))
-            await answer
-        if fault == REJECT:
-            return GoalResponse.REJECT
-        self._accepted.append(fault)
+    async def answer(self, goal: Any) -> GoalResponse:
+        """Accept a goal."""
         return GoalResponse.ACCEPT
 
-    async def _execute(self, handle: ServerGoalHandle) -> Any:
+    async def execute(self, handle: ServerGoalHandle) -> Any:
         """Drive to a goal; return its result."""
         if self._over is not None:
             self._over.set_result(GoalStatus.STATUS_ABORTED)  # pre-empted
@@ -132,71 +82,60 @@ class Base:
         yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
         self._target = Pose(wanted.position.x, wanted.position.y, yaw)
         self.active = handle
-        self.fault = self._accepted.pop(0)
         self._over = over = Future()
-        at_once = {
-            ABORT: GoalStatus.STATUS_ABORTED,
-            TAKE_AWAY: GoalStatus.STATUS_ABORTED,
-            LIE: GoalStatus.STATUS_SUCCEEDED,
-        }
-        if self.fault in at_once:
-            over.set_result(at_once[self.fault])
-        result = self._node.action.Result()
-        if self.fault == ABORT:
-            result.error_code = NO_PROGRESS
-            result.error_msg = "no progress"
         how = await over
         if how == GoalStatus.STATUS_SUCCEEDED:
             handle.succeed()
-            self.ended.append("succeeded")
         elif how == GoalStatus.STATUS_CANCELED:
             handle.canceled()
-            self.ended.append("canceled")
         else:
             handle.abort()
-            self.ended.append("aborted")
         if self.active is handle:
             self.active = self._over = None
-        return result
+        return self.node.action.Result()
 
-    def tick(self, now: float) -> None:
-        """Let a tick pass; `now`: by `time.monotonic`."""
-        for one in list(self._waiting):
-            due, answer = one
-            if now >= due:
-                self._waiting.remove(one)
-                answer.set_result(None)
+    def end(self, how: int) -> None:
+        """End the goal in progress; `how`: a `GoalStatus`."""
+        if self._over is not None and not self._over.done():
+            self._over.set_result(how)
+
+    def tick(self) -> None:
+        """Let a tick pass."""
         if self.active is not None and self._over is not None and not self._over.done():
-            self._drive(self.active, self._over)
-        if not self.lost:
-            self._say_where()
+            if self.active.is_cancel_requested:
+                self.end(GoalStatus.STATUS_CANCELED)
+            else:
+                self.drive()
+        self.say_where()
 
-    def _drive(self, handle: ServerGoalHandle, over: Future) -> None:
-        """Drive on towards the goal, and publish the remaining distance."""
-        if handle.is_cancel_requested:
-            over.set_result(GoalStatus.STATUS_CANCELED)
-            return
-        if self.fault == SILENT:
-            return
-        x, y, yaw = self._target
-        left = math.dist(self.pose[:2], (x, y))
-        feedback = self._node.action.Feedback()
-        feedback.distance_remaining = DETOUR_METRES if self.fault == DETOUR else left
-        handle.publish_feedback(feedback)
-        if self.fault in (DETOUR, STUCK):
-            return
+    @property
+    def left(self) -> float:
+        """The metres to the goal."""
+        return math.dist(self.pose[:2], self._target[:2])
+
+    def drive(self) -> None:
+        """Say how far it is, and drive on."""
+        self.say_left(self.left)
         step = self.speed * SIMULATION_SECONDS
-        if left > step:
-            heading = math.atan2(y - self.pose.y, x - self.pose.x)
-            ahead = step * math.cos(heading), step * math.sin(heading)
-            self.pose = Pose(self.pose.x + ahead[0], self.pose.y + ahead[1], heading)
-        else:
-            self.pose = Pose(x, y, yaw)
-            over.set_result(GoalStatus.STATUS_SUCCEEDED)
+        if self.left <= step:
+            self.pose = self._target
+            self.end(GoalStatus.STATUS_SUCCEEDED)
+            return
+        x, y, _ = self._target
+        heading = math.atan2(y - self.pose.y, x - self.pose.x)
+        ahead = step * math.cos(heading), step * math.sin(heading)
+        self.pose = Pose(self.pose.x + ahead[0], self.pose.y + ahead[1], heading)
 
-    def _say_where(self) -> None:
+    def say_left(self, metres: float) -> None:
+        """Publish the remaining distance of the goal in progress."""
+        assert self.active is not None
+        feedback = self.node.action.Feedback()
+        feedback.distance_remaining = metres
+        self.active.publish_feedback(feedback)
+
+    def say_where(self) -> None:
         """Publish the base's pose and transforms, as a localisation does."""
-        stamp = self._node.get_clock().now().to_msg()
+        stamp = self.node.get_clock().now().to_msg()
         header = Header(stamp=stamp, frame_id=MAP_FRAME)
         self._poses.publish(PoseStamped(header=header, pose=pose_message(self.pose)))
         origin = transform(header, ODOM, Pose(0.0, 0.0, 0.0))
@@ -211,6 +150,7 @@ class Nav2StandIn(ParameterNode):
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
+        base: the class of its bases.
         action: the class of Nav2's action.
         bases: by name.
 
@@ -218,7 +158,7 @@ class Nav2StandIn(ParameterNode):
         SparseCoordError: a bad parameter; nav2_msgs is not installed.
     """
 
-    changeable = ("fault",)
+    base: ClassVar[type[Base]] = Base
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__("nav2_stand_in", PARAMETERS["nav2_stand_in"], **place)
@@ -235,7 +175,7 @@ class Nav2StandIn(ParameterNode):
             )
         places = places or [(0.0, 0.0)] * len(names)
         pairs = zip(names, places, strict=True)
-        self.bases = {name: Base(self, name, where) for name, where in pairs}
+        self.bases = {name: self.base(self, name, where) for name, where in pairs}
         self.create_timer(SIMULATION_SECONDS, self._tick)
         self.get_logger().info(f"in place of Nav2: {', '.join(names)}")
 
@@ -247,14 +187,8 @@ class Nav2StandIn(ParameterNode):
         self.action: Any = NavigateToPose
 
     def _tick(self) -> None:
-        now = time.monotonic()
         for base in self.bases.values():
-            base.tick(now)
-
-    @property
-    def driving(self) -> list[str]:
-        """The bases that have a goal."""
-        return [name for name, base in self.bases.items() if base.active is not None]
+            base.tick()
 
 
 def read_place(text: str) -> tuple[float, float]:

@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
-from sparse_coord_ros.base.files import rescue, take_lock, write_whole
-from sparse_coord_ros.base.limits import SCENARIO, read_text
+from sparse_coord_ros.base.files import read_text, rescue, take_lock, write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
-from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.memory import taught
@@ -61,14 +59,14 @@ def gather(
         The summary; `asks` says for each robot how its requests ended.
     """
     path = out / SUMMARY_FILE
-    how: Any = {"limit": SCENARIO, "error": RunError}
-    text = read_text(path, **how, remedy="remove it") if path.exists() else ""
-    summary = yaml_value(text, where=str(path), **how) or {}  # empty after a full disk
+    text = read_text(path, RunError, "remove it") if path.exists() else ""
+    summary = (
+        yaml_value(text, where=str(path), error=RunError) or {}
+    )  # empty after a full disk
     summary["interrupted"] = interrupted
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
     summary |= _join_tables(out, scenario)
-    _join_tables(out / IMPROVED, scenario)
     write_whole(path, to_yaml(summary))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():
@@ -186,7 +184,7 @@ class Output:
         if not held:
             self._describe(out)
             remedy = "choose another output directory"
-            if read_text(out / RUN_FILE, SCENARIO, RunError, remedy) != self._text:
+            if read_text(out / RUN_FILE, RunError, remedy) != self._text:
                 held = [f"another run's {RUN_FILE}"]
         if held:
             why = f"exists already and holds {held[0]}, nothing is overwritten; choose another one"

@@ -30,7 +30,6 @@ from sparse_coord_ros.base.errors import (
     failure_of,
     message_of,
 )
-from sparse_coord_ros.base.limits import ASKED
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
@@ -251,7 +250,6 @@ class ParameterNode(Node):
         rclpys = ""
         if srv_type.__module__.startswith("rcl_interfaces."):
             rclpys = srv_name
-            callback = _bounded(callback)
         return super().create_service(
             srv_type, srv_name, self.guarded(callback, rclpys), **more
         )
@@ -422,20 +420,6 @@ def _plain(parameter: Parameter) -> Any:
     """Return a parameter's value; rclpy makes arrays of lists of numbers."""
     value = parameter.value
     return list(value) if isinstance(value, array) else value
-
-
-def _bounded(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a parameter service's callback that raises SettingError for too large requests."""
-
-    def wrapped(request: Any, response: Any) -> Any:
-        asked = len(getattr(request, next(iter(request.get_fields_and_field_types()))))
-        if asked > ASKED:
-            raise SettingError(
-                f"{asked:,} parameters in one request; allowed: {ASKED:,}"
-            )
-        return callback(request, response)
-
-    return wrapped
 
 
 def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.core.runs.run_config import (
     MAP_FILE,
     RUN_RECORD,
@@ -48,8 +49,6 @@ QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when no message has come for so long."""
 LAST_MESSAGES_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for expected last messages."""
-PLANNING_SECONDS = 600.0
-"""The same in runs whose robots plan after learning, before their last messages."""
 TALK_SECONDS = 20.0
 """After the run's end, how long a node that continues to publish keeps the bag open."""
 KEPT_FREE = 32
@@ -108,7 +107,7 @@ class Recording:
         """Record the run's configuration, unless the bag continues one that has it."""
         bag = self.bag
         run_text = self.run.to_yaml()
-        record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        record = {**self.run.record(), wire.FORMAT_KEY: str(FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
@@ -134,12 +133,9 @@ class Recording:
         """Attach a robot's tables to the bag, each only once."""
         packed, step, occasion = said
         self.heard = time.monotonic()
-        improved = occasion == wire.Occasion.IMPROVED
-        if improved or self._tables.get(robot) != (step, packed):
-            name = wire.improved_attachment(robot)
-            if not improved:
-                self._tables[robot] = (step, packed)
-                name = wire.tables_attachment(robot, step)
+        if self._tables.get(robot) != (step, packed):
+            self._tables[robot] = (step, packed)
+            name = wire.tables_attachment(robot, step)
             self.bag.attach(name, packed, "application/x-npz", self.now_ns)
             self.flush()  # the robot saves now, and may resume from there
         if occasion == wire.Occasion.FINAL:
@@ -297,8 +293,7 @@ class Recording:
         """Return whether the bag can be closed: no messages come, and none are due."""
         waited = now - self._presence.ended
         quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
-        limit = PLANNING_SECONDS if self.run.improve else LAST_MESSAGES_SECONDS
-        return quiet and (waited > limit or self._heard_all())
+        return quiet and (waited > LAST_MESSAGES_SECONDS or self._heard_all())
 
     def _heard_all(self) -> bool:
         """Return whether the last messages of all nodes have come.
@@ -403,16 +398,10 @@ class Recorder(Follower):
             raise RunError(
                 f"{self.directory}: holds the recording of another run; {remedy}"
             )
-        values = self.values
-        longest = round(self.values["max_bagfile_duration"] * SECOND)
-        options: dict[str, Any] = {
-            "compression": values["compression"],
-            "max_ns": longest,
-        }
-        options["max_bytes"] = values["max_bagfile_size"]
+        options: dict[str, Any] = {}
         order = Order() if self.status is None else self.status.order
         if earlier is not None:
-            options |= {"earlier": earlier, "why": why_of(order)}
+            options = {"earlier": earlier, "why": why_of(order)}
         bag = (BagWriter if self.direct is None else BagProcess)(
             self.directory, **options
         )

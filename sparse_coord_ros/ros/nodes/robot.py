@@ -12,10 +12,9 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import TablesError, in_short, os_error_text
 from sparse_coord_ros.base.files import write_whole
-from sparse_coord_ros.core.engine.improve import IMPROVED
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent
-from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig
+from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
@@ -24,7 +23,6 @@ from sparse_coord_ros.protocol.lockstep.step_filter import StepFilter
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
 from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.exchange import Exchange
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.guard import Guard
 from sparse_coord_ros.ros.nodes.messages import (
@@ -57,7 +55,6 @@ class Member:
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
         peers: asks its peers, and answers them.
-        exchange: sends the memory to the peers; None: the run has no planning afterwards.
 
     Raises:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
@@ -106,7 +103,6 @@ class Member:
         self._ears: list[Any] = []
         self._ready_since = 0.0
         self.peers = Peers(node, run, self._convert, self.lockstep)
-        self.exchange = Exchange(node, run, self._packed) if run.improve else None
         node.offer(services.SAVE, self._on_save)
         self._say_progress()
 
@@ -289,15 +285,7 @@ class Member:
         heard_all = self.joined and end is not None and side.newest[0] >= end
         learned_all = heard_all and side.waiting is None
         overdue = now - self._presence.ended > LAST_REWARD_SECONDS
-        if not learned_all and not overdue:
-            return False
-        return self.exchange is None or not self._finished or self.exchange.over()
-
-    @property
-    def _finished(self) -> bool:
-        """True if the world's status says that the budget is used up."""
-        said = self._node.status
-        return said is not None and said.state == wire.RunState.FINISHED
+        return learned_all or overdue
 
     # Saving.
 
@@ -311,24 +299,6 @@ class Member:
         name = self._name
         place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
         return None if place is None else robot_file(place, name)
-
-    def _improve(self) -> None:
-        """Save and publish the robot's improved tables, or the learned ones."""
-        assert self.exchange is not None
-        plan = self.exchange.plan()
-        number = self._number
-        tables = self.lockstep.agent.tables if plan is None else plan.tables[number]
-        packed = pack_tables({number + 1: tables.memory}, counts=self.lockstep.counts)
-
-        def write(out: Path) -> None:
-            (out / IMPROVED).mkdir(exist_ok=True)
-            write_whole(out / IMPROVED / RUN_FILE, self.run.to_yaml())
-            write_whole(robot_file(out / IMPROVED, self._name), packed)
-
-        self.output.save(write)
-        self._tables.publish(
-            tables_message(packed, self.lockstep.handled, wire.Occasion.IMPROVED)
-        )
 
     def _packed(self) -> bytes:
         """Return the current memory and counts as bytes."""
@@ -344,8 +314,6 @@ class Member:
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved its tables in {path.parent}")
-        if self.exchange is not None and self._finished and not interrupted:
-            self._improve()
         self.report()
         self._publish_tables(wire.Occasion.FINAL)
         wait_for_readers(

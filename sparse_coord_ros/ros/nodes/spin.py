@@ -15,7 +15,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -164,37 +164,39 @@ def limited_shutdown() -> Iterator[None]:
         faulthandler.cancel_dump_traceback_later()
 
 
-def make_executor(kind: str, context: Context) -> Executor:
-    """Return an executor.
-
-    Args:
-        kind: "events" or "single".
-        context: the nodes' context.
+def make_executor(context: Context) -> Executor:
+    """Return an executor of events.
 
     Raises:
-        RunError: this rclpy has no EventsExecutor.
+        RunError: this rclpy has none.
     """
-    if kind == "single":
-        return SingleThreadedExecutor(context=context)
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
         raise errors.RunError(
-            "executor 'events': this rclpy does not have it (new in 7.1.2); update ROS 2 Jazzy or "
-            "use 'single'"
+            "this rclpy has no EventsExecutor (new in 7.1.2); update ROS 2 Jazzy"
         ) from None
     return EventsExecutor(context=context)
 
 
 def spin_nodes(
-    nodes: Sequence[Node], kind: str, context: Context, until: Callable[[], bool]
+    nodes: Sequence[Node],
+    context: Context,
+    until: Callable[[], bool],
+    make: Callable[[Context], Executor] = make_executor,
 ) -> None:
     """Run nodes until a condition holds.
+
+    Args:
+        nodes: the nodes.
+        context: their context.
+        until: the condition.
+        make: makes the executor.
 
     Raises:
         SparseCoordError: a node failed.
     """
-    executor = make_executor(kind, context)
+    executor = make(context)
     turn = Future()
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     # With a timeout alone the EventsExecutor returns only when no message waits.
@@ -297,11 +299,18 @@ def exit_code_of(run: Callable[[Stop], None]) -> int:
 
 
 def run_node(
-    make: Callable[[Context], ParameterNode], args: Sequence[str] | None = None
+    make: Callable[[Context], ParameterNode],
+    args: Sequence[str] | None = None,
+    executor: Callable[[Context], Executor] = make_executor,
 ) -> int:
     """Run one node as a process: until it is `done`, or one of `STOPPING` comes.
 
     The node's `finish(interrupted)` is called at any end, while ROS still works.
+
+    Args:
+        make: makes the node.
+        args: the command line; None: that of this process.
+        executor: makes its executor.
 
     Returns:
         The exit code: 0 after the run and after a signal; see `exit_code_of`.
@@ -315,7 +324,7 @@ def run_node(
                 return node.done or (bool(stop) and node.may_stop())
 
             with ending([node], lambda: node.finish(interrupted=True)):
-                spin_nodes([node], node.values["executor"], context, ended)
+                spin_nodes([node], context, ended, executor)
                 node.finish(interrupted=not node.done)
 
     return exit_code_of(run)

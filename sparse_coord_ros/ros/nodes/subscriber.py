@@ -15,7 +15,6 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.base.errors import message_of
-from sparse_coord_ros.base.limits import too_large
 from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
 
 
@@ -60,9 +59,6 @@ class Subscriber:
         name = name or topic.of(owner)
 
         def take(data: bytes) -> None:
-            if len(data) > topic.limit.bytes:
-                self.drop(name, too_large(len(data), topic.limit))
-                return
             try:
                 said = (
                     unpack(data)

@@ -117,7 +117,7 @@ def run_team(
 
             robots = [node for node in nodes if isinstance(node, RobotNode)]
             nodes.append(InsideWatch(page, world, robots, values={}, **place))
-        interrupted = _spin(nodes, values["executor"], context, stop)
+        interrupted = _spin(nodes, context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
@@ -174,7 +174,6 @@ class _TeamEnd:
 
 def _spin(
     nodes: Sequence[ParameterNode],
-    kind: str,
     context: Context,
     stop: Callable[[], bool],
 ) -> bool:
@@ -187,7 +186,7 @@ def _spin(
     while end.left:
         alive = [node for node in nodes if node.failure is None]
         try:
-            spin_nodes(alive, kind, context, end.over)
+            spin_nodes(alive, context, end.over)
         except NameTakenError:
             raise
         except Exception as error:

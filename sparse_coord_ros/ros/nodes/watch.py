@@ -21,7 +21,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.base.limits import TABLES
 from sparse_coord_ros.core.game.interactions import (
     as_lists,
     interactions_of,
@@ -39,12 +38,10 @@ from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, SelfReport, servic
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.halting import Halting
 from sparse_coord_ros.ros.nodes.messages import Converter, read_run, read_tables_message
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.show.page.controls import (
-    HALT,
     NEXT,
     PAUSE,
     RATE,
@@ -81,11 +78,11 @@ ticks of the node: a process that was stopped has the messages in its queue."""
 MOST_STEPS_HEARD = 10_000
 """Most time steps with incomplete messages that are kept: a foreign node can send any number."""
 
-CONTROLS = (PAUSE, STEP, RATE, RESET, HALT)
+CONTROLS = (PAUSE, STEP, RATE, RESET)
 
 
 class Controls(Controlled):
-    """Requests of a page: calls of the world's services, and to halt also of the drivers'.
+    """Requests of a page: calls of the world's services.
 
     Args:
         node: makes the calls.
@@ -93,7 +90,6 @@ class Controls(Controlled):
     Attributes:
         view: shows the outcome; None: no run is shown.
         rate: the world's rate; None: it is not known.
-        halting: the requests to halt to the world and the drivers.
     """
 
     def __init__(self, node: Node) -> None:
@@ -106,30 +102,13 @@ class Controls(Controlled):
             STEP: node.create_client(Trigger, services.STEP.of(WORLD)),
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
-        self.halting = Halting(node, node.get_namespace())
 
     def call(self) -> None:
         """Make the due calls."""
         for control in self.wishes():
             self._do(control)
-        self.halting.tick(time.monotonic())
-        if self.view is not None:
-            self._show_halting(self.view)
-
-    def _show_halting(self, view: LiveView) -> None:
-        """Show whether there are nodes to halt, and which of them have not halted yet."""
-        halting = self.halting
-        said = ""
-        if (halting.asking or halting.hold) and halting.left:
-            said = "; ".join(map(halting.in_words, halting.left))
-        elif view.state == wire.RunState.HALTED:
-            said = "all robots stand"
-        view.show_halting(possible=bool(halting.asked), said=said)
 
     def _do(self, control: Control) -> None:
-        if control.name == HALT:
-            self.halting.ask(control.value, time.monotonic())
-            return
         client = self._clients.get(control.name)
         if client is None or self.view is None:
             return
@@ -591,7 +570,7 @@ class HeardTeam:
         data, step, _ = said
         with contextlib.suppress(Exception):  # a foreign node can publish anything
             where = ros_topics.TABLES.name
-            [saved] = unpack_saved(data, [k + 1], where=where, limit=TABLES)
+            [saved] = unpack_saved(data, [k + 1], where=where)
             tables = tables_of(
                 self._run.scenario, self._run.known_rule, k, saved.memory
             )

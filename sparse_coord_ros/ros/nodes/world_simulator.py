@@ -55,8 +55,6 @@ EVENTS = (
 )
 """A world's counters of its run's faults, earlier processes included."""
 
-HALTED = "all robots are halted; 'sparse_coord halt --go-on' lets them continue"
-
 NOT_UNDER_WAY = "the run is not under way"
 
 PROGRESS_SECONDS = 5.0
@@ -106,9 +104,7 @@ class WorldSimulator(ParameterNode):
         self.guard = Guard(self)
         self.bodies: WorldBodies | None = None
         if self.run.bodies:
-            self.bodies = WorldBodies(
-                self, self.run, self._advance_where_due, self._halt_as_a_driver
-            )
+            self.bodies = WorldBodies(self, self.run, self._advance_where_due)
             game: Game = self.bodies.game
         else:
             game = World(self.run.scenario, self.run.seed)
@@ -116,19 +112,11 @@ class WorldSimulator(ParameterNode):
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
         own = self.topics.own + (self.bodies.own if self.bodies else [])
-        self.guard.watch(
-            own, map(self.resolve_service_name, self._services_of_robots())
-        )
+        asked = map(services.ACTIVE_PERCEPTION.of, self._names)
+        self.guard.watch(own, map(self.resolve_service_name, asked))
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
         self.create_timer(TICK_SECONDS, self._tick)
-
-    def _services_of_robots(self) -> list[str]:
-        """Return the services that must have one server for each robot of the run."""
-        offered = [services.ACTIVE_PERCEPTION]
-        if self.run.improve:
-            offered.append(services.LEARNED)
-        return [service.of(name) for service in offered for name in self._names]
 
     # Its state.
 
@@ -145,18 +133,16 @@ class WorldSimulator(ParameterNode):
         if calling or (resumed and not started and not self._paused):
             # the team's place is known when all have answered
             return wire.RunState.RESUMING
-        if self._halted:
-            return wire.RunState.HALTED
-        if self._paused:
+        if self._held:
             return wire.RunState.PAUSED
         if started:
             return wire.RunState.GREEDY if self.run.greedy else wire.RunState.LEARNING
         return wire.RunState.WAITING
 
     @property
-    def _halted(self) -> bool:
-        """True if all bodies have the order to halt."""
-        return self.bodies is not None and self.bodies.halted
+    def _held(self) -> bool:
+        """True if the team is paused, and no single step is under way."""
+        return self._paused and not self._single
 
     def _say(self) -> None:
         if self._output is not None:
@@ -181,29 +167,6 @@ class WorldSimulator(ParameterNode):
         self._advance_where_due()
         return True, self.doing
 
-    def _on_halt(self, hold: bool) -> tuple[bool, str]:
-        """Order all bodies to halt, or to continue; a repeated request asks for confirmations."""
-        assert self.bodies is not None
-        if hold != self._halted:
-            self._halt(hold)
-        left = ", ".join(self.bodies.unconfirmed())
-        if left:
-            return False, f"{self.doing}; not yet confirmed by the drivers of {left}"
-        return True, self.doing
-
-    def _halt_as_a_driver(self, robot: str) -> None:
-        """Halt all bodies, as one driver has halted."""
-        self.get_logger().warning(f"the driver of {robot} is halted: all robots are")
-        self._halt(True)
-
-    def _halt(self, hold: bool) -> None:
-        assert self.bodies is not None
-        self.bodies.halt(hold)
-        self._silence.begin(time.monotonic())
-        self.get_logger().warning(HALTED if hold else "the robots may continue")
-        self._say()
-        self._advance_where_due()
-
     def _on_reset(self) -> tuple[bool, str]:
         if not self.speed.begun or self.lockstep.finished:
             return False, NOT_UNDER_WAY
@@ -212,8 +175,6 @@ class WorldSimulator(ParameterNode):
 
     def _on_step(self) -> tuple[bool, str]:
         """Pause, and make one time step if every robot has acted."""
-        if self._halted:
-            return False, HALTED
         if self.done:
             return False, NOT_UNDER_WAY
         self._paused = True
@@ -239,8 +200,6 @@ class WorldSimulator(ParameterNode):
         self._silence.tick(now)
         if self._stopped:
             return
-        if self.bodies is not None:
-            self.bodies.say_halt_again(now)
         if self._output is None:
             if self.guard.holds(now):
                 self._open()
@@ -265,8 +224,6 @@ class WorldSimulator(ParameterNode):
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
-        if self.bodies is not None:
-            self.offer(services.HALT, self._on_halt)
         self.topics.open(resumed=self.values["resume"])
         self._say()
 
@@ -327,7 +284,7 @@ class WorldSimulator(ParameterNode):
     def _watch_the_barrier(self, now: float) -> None:
         self._keep_the_rate()
         if self.bodies is not None:
-            self.bodies.look(now)
+            self.bodies.look(now, held=self._held)
         self._advance_where_due()  # the rate may have been set to 0 meanwhile
         if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
             self.reminder.over()
@@ -335,7 +292,7 @@ class WorldSimulator(ParameterNode):
         if self._silence.repeats(now):
             self.lockstep.repeat()
             self._say()
-        if not (self._paused or self._halted):
+        if not self._paused:
             self._wait_for_the_lost(now)
 
     def _wait_for_the_lost(self, now: float) -> None:
@@ -389,8 +346,7 @@ class WorldSimulator(ParameterNode):
 
     def _advance_where_due(self) -> None:
         """Make the step if all actions are there; bodies first get goals, and must arrive."""
-        waits = self._halted or (self._paused and not self._single)
-        if waits or self._stopped or not self.lockstep.complete:
+        if self._held or self._stopped or not self.lockstep.complete:
             return
         there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
         rated = self.values["rate"] > 0
@@ -401,6 +357,8 @@ class WorldSimulator(ParameterNode):
         self._beat = False
         self.lockstep.advance()
         self._end_when_finished()
+        if self._paused:  # after a single step, on whose way the bodies were
+            self._say()
         if rated:
             self._show()
 
@@ -455,7 +413,6 @@ class WorldSimulator(ParameterNode):
             "episodes": self.lockstep.world.episode + 1,
             "last_step": self.lockstep.world.step,
             "stale_actions": self.lockstep.stale,
-            "executor": self.values["executor"],
             "rate": self.values["rate"],
             **({} if self.bodies is None else self.bodies.summary()),
             **self.speed.summary(),

@@ -232,11 +232,11 @@ class BagSource(controls.Played):
 
     # In the thread of the source.
 
-    def play(self, until: Callable[[], bool] = bool) -> None:
-        """Play until interrupted, or until a function returns True."""
+    def play(self) -> None:
+        """Play until interrupted."""
         looked = time.monotonic()
         with self.reading():
-            while not until():
+            while True:
                 if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     self.look()

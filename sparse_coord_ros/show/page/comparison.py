@@ -3,7 +3,7 @@
 """Several bags on one page, played by one clock."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
@@ -164,13 +164,13 @@ class Comparison(controls.Played):
         last = np.array([[source.log.last_step - first] for source in self.sources])
         return aligned(np.full(last.shape, first), last)
 
-    def play(self, until: Callable[[], bool] = bool) -> None:
-        """Play until interrupted, or until a function returns True."""
+    def play(self) -> None:
+        """Play until interrupted."""
         looked = time.monotonic()
         with ExitStack() as stack:
             for source in self.sources:
                 stack.enter_context(source.reading())
-            while not until():
+            while True:
                 if time.monotonic() - looked >= GROWTH_SECONDS:
                     looked = time.monotonic()
                     for source in self.sources:

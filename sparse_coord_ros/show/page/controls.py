@@ -42,14 +42,13 @@ SAVE = "save"
 TRAIN = "train"
 STOP = "stop"
 DRIVE = "drive"
-HALT = "halt"
 AXIS = "axis"
 LOOK = "look"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run; the next moment of some
 kind; to import a map with other values, to save what came of it, to let a team learn on it, to
-stop that, and to drive the team that has learned; to let all bodies stand, or go on; what several
-runs have in common on their time line; the values of a cell and a peer's cell."""
+stop that, and to drive the team that has learned; what several runs have in common on their time
+line; the values of a cell and a peer's cell."""
 
 QUESTION = "question"
 MISCOORDINATION = "miscoordination"
@@ -78,7 +77,7 @@ class Control(NamedTuple):
 
     Attributes:
         name: one of the above.
-        value: of `pause` and `halt` a bool; of `step` and `seek` a whole number; of `rate` a
+        value: of `pause` a bool; of `step` and `seek` a whole number; of `rate` a
             number; of `jump` and `axis` a word; of `next` a mapping of `scenario` and `penalty`;
             of `import`, `save` and `train` one that their source checks; of `reset`, `stop` and
             `drive` None.
@@ -163,7 +162,7 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
     bare = (RESET, STOP, DRIVE)
     fits, words = {
         **dict.fromkeys((IMPORT, SAVE, TRAIN), mapping),
-        **dict.fromkeys((PAUSE, HALT), (isinstance(value, bool), "true or false")),
+        PAUSE: (isinstance(value, bool), "true or false"),
         STEP: (whole and 0 < abs(value) <= 1000, "1 to 1000, or as much back"),
         SEEK: (whole and abs(value) <= 2**53, "a whole number"),
         RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),

@@ -76,7 +76,6 @@ class LiveView:
         self._counted: tuple[float, int] | None = None
         self._speed: int | None = None
         self._lacking = ""
-        self._halting: Message = {}
         board.clear()
         shown = {"source": source, "title": title, "controls": controls}
         board.put("run", **shown, **messages.run_fields(run))
@@ -91,13 +90,6 @@ class LiveView:
         """Say, for as long as the run is shown, what the curves lack."""
         self._lacking = text
         self.notice("")
-
-    def show_halting(self, *, possible: bool, said: str) -> None:
-        """Show whether there are bodies to halt, and what came of it when that was asked for."""
-        shown = {"possible": possible, "said": said}
-        if shown != self._halting:
-            self._halting = shown
-            self.board.put("halting", **shown)
 
     def take(self, seen: TeamTransition) -> None:
         """Take in a transition; this is called for each one, so it must be fast."""

@@ -419,7 +419,7 @@ def in_words(
         waiting_move = None
         if perceived is not None and says.get(k, move) != move:
             waiting_move = says[k]
-            lines.append(explain.leaving_in_words(run))
+            lines.append(explain.LEAVES)
         elif k not in says and _may_have_left(run, before, seen, question):
             by_cell = None
             lines.append(explain.MAY_HAVE_LEFT)

@@ -48,13 +48,13 @@ def test_the_newest_questions_are_told_once(view):
 
 def test_a_live_robot_may_have_left_a_stand_off():
     """Its newest tables are not those by which it moved: the page does not say which it was."""
-    scenario = load_scenario("env1").with_settings({"stand_off": "leave:0.5:0.25"})
+    scenario = load_scenario("crowd-3r")
     run = make_run(scenario, {"learner": "factored"})
     view = LiveView(run, MessageBoard(), source="live", title="", controls=())
     leads = scenario.map.next_cell[3]
     away = int(np.flatnonzero(leads != 3)[0])
-    asks = (Action(away, True, 1, True), Action(1, False, -1, False))
-    for step, cells in ((4, (3, 4)), (5, (3, 4)), (6, (3, 5)), (9, (3, 5))):
+    asks = (Action(away, True, -1, True), *(Action(1, False, -1, False),) * 2)
+    for step, cells in ((4, (3, 4, 6)), (5, (3, 4, 6)), (6, (3, 5, 6)), (9, (3, 5, 6))):
         view.take(TeamTransition(step, cells, asks, cells, False))
         view.show(transitions=step, episode=0)
     doubtful = [

@@ -26,7 +26,6 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.shipped import unseen_buildings, yardsticks
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.controls import (
-    HALT,
     NEXT,
     PAUSE,
     RATE,
@@ -46,7 +45,7 @@ from sparse_coord_ros.show.page.server import (
     Server,
 )
 
-ALL = (PAUSE, STEP, RATE, SEEK, NEXT, HALT)
+ALL = (PAUSE, STEP, RATE, SEEK, NEXT)
 
 
 class Told:
@@ -406,7 +405,6 @@ def test_the_server_has_a_thread_and_a_port_of_its_own():
         ("exec", ["ls"]),
         (["pause"], [True]),
         (PAUSE, ["yes"]),
-        (HALT, [None, 1, "true"]),
         (RATE, [-1, True, float("inf"), float("nan"), 10**400]),
         (SEEK, [1.5, 10**40]),
         (STEP, [0, 1001, True]),
@@ -427,7 +425,6 @@ def test_what_a_page_may_not_ask_for(name, values):
 def test_what_a_page_may_ask_for():
     allowed = [
         (PAUSE, False),
-        (HALT, True),
         (STEP, 1),
         (STEP, -1000),
         (RATE, 0.0),

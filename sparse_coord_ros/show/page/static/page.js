@@ -34,7 +34,6 @@ const due = new Set();
 const DRAW = {
   run: begin,
   frame: showFrame,
-  halting: showHalting,
   tables: () => { map.policy(newest.tables); showCell(); },
   asked: () => { map.heat(newest.asked); $("asked-where").textContent = newest.asked?.where ?? "asked here so far"; },
   curves: showCurves,
@@ -171,15 +170,6 @@ function showFrame() {
   $("seek").ariaValueText = `time step ${number(frame.step)}`;
   if (held) $("spoken").textContent = spoken(run, frame);
   agesPanel(run, newest.tables, frame);
-  showHalting();
-}
-
-// Two buttons: pressed in a hurry, and twice, the first one still stops.
-function showHalting() {
-  const { halting, frame } = newest;
-  $("halting").hidden = !halting?.possible;
-  $("go-on").hidden = frame?.state !== "halted" && !halting?.said;
-  $("halting-said").textContent = halting?.said ?? "";
 }
 
 // The number of episodes; not `whole`: there are at least so many.
@@ -220,10 +210,6 @@ $("pause").onclick = pause;
 $("next-step").onclick = () => send("step", 1);
 $("back").onclick = () => send("step", -1);
 $("reset").onclick = () => send("reset");
-$("halt").onclick = () => {
-  if (!send("halt", true)) $("halting-said").textContent = "not connected: the robots were not told; stop them by hand";
-};
-$("go-on").onclick = () => send("halt", false);
 $("rate").onchange = () => {
   if ($("rate").value !== UNKNOWN) send("rate", Number($("rate").value));
   $("rate").blur();
