@@ -6,7 +6,7 @@ python studies/ablation.py [--scenarios NAME...] [--runs N] [--trials N] [--step
 python studies/ablation.py --teams --runs 10 --seed 2500000
 
 One part of the rule is off, all else is as it is; penalty -100. The table has, by scenario, the
-return of a robot with its standard error, and failed teams. `--teams` has the three rules of
+return of a robot with its standard error, and failed teams. `--teams` has two rules of
 larger teams against jams, in buildings for validation.
 """
 
@@ -46,15 +46,6 @@ class NoReplay(sc.Factored):
         """Replay nothing."""
 
 
-class NoRightOfWay(sc.Factored):
-    """Several robots in one cell wait for one another."""
-
-    @staticmethod
-    def counts(mind, task, peer, cell, peer_cell):
-        """Return whether a correction counts: each."""
-        return True
-
-
 class WholeSurplus(sc.Factored):
     """Each peer in the way is credited with all that waiting brings."""
 
@@ -79,7 +70,6 @@ PARTS = {
     "r^C counts once": ("factored", {"credit": "own"}),
     "neither": (NoLookingBack, {"credit": "own"}),
     "no percept update of r_bar": (NoPerceptUpdate, {}),
-    "no right of way": (NoRightOfWay, {}),
     "no replay": (NoReplay, {}),
 }
 """Learner and changed settings."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What learners reach in each kind of interaction. The studies of docs/interactions.md.
 
-python studies/interactions.py [--seeds N...] [--runs N] [--steps N] [--seed N]
+python studies/interactions.py [--kinds KIND...] [--seeds N...] [--runs N] [--steps N] [--seed N]
 python studies/interactions.py --parts --seeds 1 3 5 --runs 8 --seed 5200000
 
 Pairs learn in generated buildings whose gap, from shortest paths to the joint optimum, is 3 or
@@ -76,7 +76,7 @@ PARTS = {
 
 def with_a_gap(interactions: str, options):
     """Yield the scenarios, with the value of shortest paths and the joint optimum."""
-    for kind in KINDS:
+    for kind in options.kinds:
         for seed in options.seeds:
             scenario = sc.load_scenario(
                 f"unseen1-{kind}-2r-{seed}",
@@ -110,13 +110,12 @@ def stood(interactions: str, learner, options) -> dict[str, object]:
         gained.append(np.mean(returns) - paths)
         gaps.append(best - paths)
     name = learner if isinstance(learner, str) else learner.__name__
-    worst = np.min(np.divide(gained, gaps))
-    return {
-        "interactions": interactions,
-        "learner": name,
-        "buildings": len(gaps),
+    row = {"interactions": interactions, "learner": name, "buildings": len(gaps)}
+    if not gaps:
+        return row
+    return row | {
         "share of the gap": np.sum(gained) / np.sum(gaps),
-        "worst building": worst,
+        "worst building": np.min(np.divide(gained, gaps)),
         "failed": failed,
         "teams": teams,
         "asks": np.mean(asks),
@@ -129,6 +128,7 @@ def main() -> None:
     parser.add_argument("--parts", action="store_true", help="of factored")
     seeds = list(range(1, 17, 2))
     parser.add_argument("--seeds", type=int, nargs="+", default=seeds, help="buildings")
+    parser.add_argument("--kinds", nargs="+", default=KINDS, help="of buildings")
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=77_000, help="of the first team")

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """When should robots coordinate? The study of docs/when.md.
 
-python studies/when.py [--maps N] [--runs N] [--steps N] [--seed N] [--out FILE.csv]
+python studies/when.py [--maps NAME...] [--runs N] [--steps N] [--seed N] [--out FILE.csv]
 python studies/when.py --advice --runs 6 --seed 6100000
 
 Teams that know their map learn on many maps, at several penalties, costs of a question and
@@ -220,7 +220,9 @@ def measure(study, options) -> pd.DataFrame:
     """Return a row for each condition of a study."""
     rows = []
     for part, (maps, over) in study.items():
-        for name in maps[: options.maps]:
+        for name in maps:
+            if options.maps and name not in options.maps:
+                continue
             scenario = sc.load_scenario(name, prior="map", steps=options.steps)
             print(f"{part}: {name}", flush=True)
             swept = sc.sweep(
@@ -259,7 +261,7 @@ def main() -> None:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--advice", action="store_true", help="test the advice")
-    parser.add_argument("--maps", type=int, help="of each part (default: all)")
+    parser.add_argument("--maps", nargs="+", help="some of the maps (default: all)")
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--steps", type=int, default=30_000)
