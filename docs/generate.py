@@ -115,7 +115,7 @@ def _scenarios():
         )
     text = (
         "Nine are the paper's. The crowds have two to eight robots in one building. Aisle, "
-        "lane, lift and floor-4r teach the kinds of interaction."
+        "lane and floor-4r teach the kinds of interaction."
     )
     made["scenarios/index.md"] = f"# Scenarios\n\n{text}\n\n{_contents(names)}"
     return made

@@ -65,7 +65,7 @@ class RunError(SparseCoordError):
 
 
 class NameTakenError(RunError):
-    """Another node has this node's name; the run directory belongs to that node."""
+    """Another world runs a team here, or another node has a robot's name: nothing is begun."""
 
 
 class TablesError(SparseCoordError):
@@ -77,7 +77,7 @@ class ResultsError(SparseCoordError):
 
 
 class BagError(SparseCoordError):
-    """A bag cannot be made, written, read or recovered, or a type's definition is missing."""
+    """A bag cannot be made, written or read, or a type's definition is missing."""
 
 
 class FaultError(SparseCoordError):

@@ -77,9 +77,6 @@ def run(
 def sole_team() -> socket.socket:
     """Hold this machine's ROS domain until the returned socket is closed.
 
-    Of two teams that start at once, one is refused completely: claims, node by node, would give
-    each of them some of the names.
-
     Raises:
         RunError: another `sparse_coord run` of this user holds it, or the number is not a domain.
     """
@@ -122,7 +119,7 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if recorder is not None and recorder.returncode:
         error = BagError(
             f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "
-            "recorded until then, 'sparse_coord recover' repairs it"
+            "recorded until then, and is read up to there"
         )
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 

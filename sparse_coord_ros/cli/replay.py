@@ -30,7 +30,7 @@ OPTIONS = (
         "--topics TOPIC",
         None,
         "only this topic, and /clock; a name, or a pattern like '/robot_1*'; repeatable (default: "
-        "all but /rosout, /parameter_events and claims)",
+        "all but /rosout and /parameter_events)",
         {"action": "append"},
     ),
     Option(

@@ -7,8 +7,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from sparse_coord_ros.base.palette import DOORWAY_COLOUR, HELP_COLOUR
-from sparse_coord_ros.core.game.interactions import interactions_of
+from sparse_coord_ros.base.palette import DOORWAY_COLOUR
 from sparse_coord_ros.core.game.scenario import Scenario
 
 COLOUR_MAP = "Blues"
@@ -24,7 +23,7 @@ def draw_map(
     label_size: float = 6,
     label_height: float = 0.5,
 ) -> None:
-    """Draw cells, doorways (framed), help places (H), and starts (S) and goals (G) of robots.
+    """Draw cells, doorways (framed), and starts (S) and goals (G) of robots.
 
     Args:
         axes: where to draw; a cell is a unit square, row 0 on top.
@@ -65,21 +64,6 @@ def draw_map(
             Rectangle(
                 inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY_COLOUR, linewidth=1.8
             )
-        )
-    for x in np.flatnonzero(interactions_of(scenario).posts).tolist():
-        row, column = grid.cells[x]
-        inner = (left + column + 0.06, top + row + 0.06)
-        frame = Rectangle(inner, 0.88, 0.88, fill=False, edgecolor=HELP_COLOUR)
-        frame.set(linewidth=1.8, linestyle=":")
-        axes.add_patch(frame)
-        axes.text(
-            left + column + 0.84,
-            top + row + 0.84,
-            "H",
-            ha="center",
-            va="center",
-            fontsize=label_size,
-            color="white" if dark[x] > 0.6 else HELP_COLOUR,
         )
     axes.add_patch(Rectangle(corner, columns, rows, fill=False, edgecolor="black"))
     axes.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], aspect="equal")

@@ -243,9 +243,7 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     slow.speed = 2.0
     bench.spin_until(moved(world, 4), "not as quickly as the other one")
     bench.destroy(world)
-    bench.spin_until(
-        lambda: not observer.count("world_simulator/_claim"), "its name is free"
-    )
+    bench.spin_until(lambda: not observer.count("run"), "it is gone")
     known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
     again = bench.world(bodies=True, resume=True, **known)
     bench.spin_until(lambda: again.done, "the run's end")
@@ -366,19 +364,6 @@ def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     second.send_signal(signal.SIGINT)
     bench.spin_until(moved(world, 2), "one is left: it goes on")
     assert process.running()
-
-
-def test_two_servers_that_stay_are_refused_by_name(
-    start_team, serve_twice, start_driver, bench
-):
-    serve_twice("robot_2")
-    world, _, server = start_team(driven=ROBOTS[:1])
-    process = start_driver("robot_2")
-    bench.spin_until(lambda: not process.running(), "it ends")
-    assert process.exit_code() == 2
-    what = "error: node robot_2_driver: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
-    assert what + NAMES in process.output
-    assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
 
 
 def test_a_second_server_that_appears_later_is_reported_and_nothing_crashes(

@@ -160,7 +160,6 @@ REFUSED = [
     ),
     (WORLD, ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
     (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
-    ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
     ("robot", [f"out:={__file__}"], NO_DIRECTORY),
     ("recorder", [f"out:={__file__}/a"], f"as {__file__} is no directory; choose"),
     ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),

@@ -321,12 +321,10 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
     interactions = of_cells(interactions_of(scenario), own)
     penalties = scenario.penalties
-    help_rewards = scenario.help_rewards
     if alone:
         starts = np.append(starts, goals)
         goals = np.tile(goals, 2)
         penalties = (*penalties, 0.0)
-        help_rewards = (*help_rewards, 0.0)
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
         interactions = none_of(interactions)
@@ -345,7 +343,6 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         asked=asked,
         interactions=interactions,
         penalties=np.array(penalties),
-        help_rewards=np.array(help_rewards),
         arrival_value=scenario.arrival_value,
         cost=float(scenario.ask_cost),
         discount=float(scenario.discount),

@@ -190,17 +190,14 @@ def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
     return {data["game"]: data for data in shipped_json(file).get(key, {}).values()}
 
 
-def bound_in_words(scenario: Scenario) -> str:
-    """Return what `upper_bound` is."""
-    if any(scenario.help_rewards):
-        return "bound (alone, help)"
-    return "bound (robots alone)"
+BOUND = "bound (robots alone)"
+"""What the joint optimum is where it is not exact."""
 
 
 def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     """Return name and total discounted reward of each team or bound that is known, best last."""
     optimum = known_optimum(scenario)
-    last = bound_in_words(scenario)
+    last = BOUND
     if optimum.exact:
         last = "exact joint optimum"
     known = {

@@ -29,7 +29,7 @@ class OutputFile:
 
     It is unbuffered: the operating system has the written bytes, and they survive the process. The
     first failure is final; the file then ends with the last whole record. Until it is closed the
-    file is locked, so that `recover` refuses it.
+    file is locked, so that others know that it is being recorded.
 
     Attributes:
         path: the file; its name ends with `.partial` until `finish`, which puts it into another
@@ -68,8 +68,8 @@ class OutputFile:
         except OSError as error:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
-                "recording ends there, unfinished: make room or choose another directory, and "
-                "repair the bag with sparse_coord recover"
+                "recording ends there, unfinished, and is read up to there: make room or choose "
+                "another directory; 'pymcap-cli recover' gives the file an end"
             )
             with contextlib.suppress(OSError):
                 self._file.truncate(begin)

@@ -170,7 +170,7 @@ class Follower(ParameterNode):
         if self.presence is None:
             return
         try:
-            self.presence.hear(*said[:4], time.monotonic())
+            self.presence.hear(*said[:3], time.monotonic())
         except ValueError as error:
             self.subscriber.drop(ros_topics.STATUS.name, error)
         else:
@@ -208,7 +208,7 @@ class Follower(ParameterNode):
     def _begin(self, run: RunConfig, now: float) -> None:
         self.reminder.over()
         patience = self.values.get("world_timeout", 0.0)
-        self.presence = WorldPresence(run.id, run.scenario.steps, patience, now)
+        self.presence = WorldPresence(run.id, patience, now)
         self.begin(run)
         if self.status is not None:
             self._on_status(self.status)

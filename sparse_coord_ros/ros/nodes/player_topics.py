@@ -48,13 +48,9 @@ class PlayedTopics:
         bag = self.bag = open_bag(path)
         names = chosen_topics(bag, patterns)
         warn = node.get_logger().warning
-        if bag.damage is not None:
-            played = "every message" if bag.whole else "what could be read"
-            warn(f"{bag.path}: {bag.damage}; {played} is played")
-        elif not bag.finished:
-            warn(
-                f"{bag.path} was never closed by its recorder: its messages so far are played"
-            )
+        early = bag.ends_early(f"message {bag.message_count}")
+        if early is not None:
+            warn(f"{bag.path}: {early}")
         self.publishers: dict[str, Publisher] = {}
         skipped = []
         for name in names:
@@ -111,18 +107,17 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
 
     Args:
         bag: the bag.
-        patterns: names, or patterns such as `/robot_1/*`. `ROS_OWN` and claims would disturb live
-            nodes, and are played only if they are named.
+        patterns: names, or patterns such as `/robot_1/*`. `ROS_OWN` would disturb live nodes, and
+            is played only where it is named.
 
     Raises:
         SettingError: a pattern fits no topic.
     """
     chosen = set() if bag.clock is None else {bag.clock}
-    claims = {name for name in bag.topics if name.endswith(f"/{ros_topics.CLAIM.name}")}
-    withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:
         full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
-        fitting = {name for name in bag.topics if fnmatchcase(name, full)} - withheld
+        fitting = {name for name in bag.topics if fnmatchcase(name, full)}
+        fitting -= set(ROS_OWN)
         fitting |= {full} & set(bag.topics)
         if patterns and not fitting:
             raise SettingError(

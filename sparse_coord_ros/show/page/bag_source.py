@@ -69,7 +69,6 @@ KIND_NAMES = {
     controls.CROSSING: "crossing",
     controls.EXCHANGE: "exchange",
     controls.STOPPED: "robot that another one stops",
-    controls.HELP: "help",
 }
 """The names of what a page can jump to."""
 
@@ -125,7 +124,7 @@ class BagSource(controls.Played):
         self.rate = rate
         self._shown_rate = SHOWN_RATE
         self._narrator = Narrator(self.run.scenario)
-        self._key_steps = KeySteps(self.run, self._narrator)
+        self._key_steps = KeySteps(self.run)
         self.highlight: Highlight | None = None
         self._failing = ""
         self._again = False
@@ -446,12 +445,10 @@ class BagSource(controls.Played):
         """Say what state the file is in."""
         log = self.log
         text = ""
-        if log.losses:
-            text = f"damaged: {'; '.join(log.losses)}"
-        elif self.growing:
+        if self.growing and log.bag.damage is None:
             text = "still being recorded: the page follows it"
-        elif not log.bag.finished:
-            text = "never closed by its recorder: the part that was written is shown"
+        elif log.damage is not None:
+            text = log.damage
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
@@ -554,11 +551,7 @@ class BagSource(controls.Played):
 
     def _show_curves(self, read: float) -> None:
         """Show the learning curves of the share of the log that was `read`."""
-        fields = messages.curve_fields(self.history)
-        if controls.HELP in kinds_of(self.run.scenario):
-            helped = self._key_steps.steps[controls.HELP]
-            fields |= messages.help_curve(self.history, helped)
-        self.board.put("curves", read=read, **fields)
+        self.board.put("curves", read=read, **messages.curve_fields(self.history))
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""

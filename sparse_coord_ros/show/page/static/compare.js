@@ -2,7 +2,7 @@
 // Several runs on one page: one clock, one time line, a map for each, and their curves in one chart.
 
 import { Curves } from "/curves.js";
-import { $, about, html, number, otherTheme, showKeys, spoken, svg, tell, tinted } from "/draw.js";
+import { $, about, html, number, otherTheme, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
@@ -10,7 +10,7 @@ import { connect, token } from "/stream.js";
 
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
 const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
-const MARKS = ["question", "miscoordination", "exchange", "stopped", "help"];
+const MARKS = ["question", "miscoordination", "exchange", "stopped"];
 const MARK_NAMES = { stopped: "another robot stops it" };
 const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
 const LOOKS = [["var(--run-1)", ""], ["var(--run-2)", "7 4"], ["var(--run-3)", "2 3"], ["var(--run-4)", "9 3 2 3"]];
@@ -48,7 +48,7 @@ class Column {
   take(message) {
     this.newest[message.type] = message;
     const draw = {
-      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds(), true); this.show(); },
+      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds()); this.show(); },
       tables: () => { this.map.policy(message); differences(); headline(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
@@ -290,29 +290,16 @@ $("rate").onchange = () => { send("rate", Number($("rate").value)); $("rate").bl
 $("axis").onchange = () => { send("axis", $("axis").value); $("axis").blur(); };
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("theme").onclick = otherTheme;
-$("help").onclick = showKeys;
 begin();
 
 const KEYS = {
   " ": pause, ArrowRight: () => send("step", 1), ArrowLeft: () => send("step", -1),
-  PageDown: () => send("step", 100), PageUp: () => send("step", -100),
   Home: () => send("seek", 0), End: () => send("seek", clock.last),
-  "+": () => faster(1), "-": () => faster(-1),
 };
-const eachMap = (what) => columns.forEach((column) => what(column.map));
-const FREE_KEYS = {
-  t: otherTheme, "?": showKeys, f: () => eachMap((map) => map.fit()),
-  z: () => eachMap((map) => map.zoom(1.5)), x: () => eachMap((map) => map.zoom(1 / 1.5)),
-};
-
-function faster(by) {
-  const next = by > 0 ? RATES.find((rate) => rate > clock.rate) : RATES.findLast((rate) => rate < clock.rate);
-  if (next !== undefined) send("rate", next);
-}
 
 document.addEventListener("keydown", (event) => {
   const own = event.target.matches("select, input:not([type=checkbox])") || (event.key === " " && event.target.matches("button, input"));
-  const act = FREE_KEYS[event.key] ?? (mayControl && clock ? KEYS[event.key] : undefined);
+  const act = mayControl && clock ? KEYS[event.key] : undefined;
   if (!act || own || event.ctrlKey || event.altKey || event.metaKey) return;
   event.preventDefault();
   act();
