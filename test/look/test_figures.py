@@ -13,7 +13,6 @@ from made_up_results import PLAN, made_up
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
-from sparse_coord_ros.show.results import results_figure
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.main import main
@@ -26,6 +25,7 @@ from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.figures import results_figure
 from sparse_coord_ros.studies.store import open_results
 
 
