@@ -13,16 +13,13 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError, check_format
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD
 from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
-from sparse_coord_ros.log.bags.layout import PARTIAL, being_recorded, failing
+from sparse_coord_ros.log.bags.layout import PARTIAL, RESCUE, being_recorded, failing
 from sparse_coord_ros.log.bags.records import MESSAGE
 from sparse_coord_ros.log.bags.topics import BagTopic
 from sparse_coord_ros.protocol.wire import CLOCK, FORMAT_KEY
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
-
-RESCUE = "'pymcap-cli recover' (pip install pymcap-cli)"
-"""What makes a whole bag of the readable parts of a damaged one."""
 
 
 class Message(NamedTuple):
