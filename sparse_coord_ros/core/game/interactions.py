@@ -73,12 +73,6 @@ def interactions_of(scenario: Scenario) -> Interactions:
     )
 
 
-def can_interact(scenario: Scenario) -> bool:
-    """Return whether there is any cell in which robots interact."""
-    inter = interactions_of(scenario)
-    return inter.blocks or can_miscoordinate(inter)
-
-
 def can_miscoordinate(inter: Interactions) -> bool:
     """Return whether there is any cell in which robots miscoordinate: whether any pays r^C."""
     return inter.swaps or bool((inter.places != NOWHERE).any())

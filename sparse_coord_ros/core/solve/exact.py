@@ -107,7 +107,11 @@ def evaluate_exact(
     """
     check_exact(scenario)
     evaluation.check_tables(scenario, tables, learner)
-    return evaluate_greedy(scenario, _robots(scenario, tables, learner))
+    acting = tables
+    if learner is not None:
+        rule = learner_of(learner)
+        acting = [Tables(scenario, rule, k, one.memory) for k, one in enumerate(tables)]
+    return evaluate_greedy(scenario, _robots(acting))
 
 
 def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
@@ -216,10 +220,7 @@ def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | No
     large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
     if len(scenario.robots) != MOST_ROBOTS or large:
         return None
-    try:
-        robots = _robots(scenario, tables, None)
-    except SettingError:
-        return None
+    robots = _robots(tables)
     sums = _carried(_pair(scenario, robots, np.arange(cells)), spreads=False)
     assert sums is not None
     return ExactMeans(*sums.robots, *map(float, sums.team))
@@ -249,17 +250,9 @@ class Greedy(NamedTuple):
     coord: Any
 
 
-def _robots(
-    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
-) -> list[Greedy]:
+def _robots(tables: Sequence[Tables]) -> list[Greedy]:
     """Return the robots as greedy ones that act on tables, which fit."""
-    found = []
-    for k, one in enumerate(tables):
-        acting = one
-        if learner is not None:
-            acting = Tables(scenario, learner_of(learner), k, one.memory)
-        found.append(_choices(acting))
-    return found
+    return [_choices(one) for one in tables]
 
 
 def _choices(tables: Tables) -> Greedy:

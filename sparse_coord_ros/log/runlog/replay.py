@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.perception import asked_peers
-from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
 from sparse_coord_ros.core.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
@@ -200,6 +199,4 @@ class Replay:
 def _reward(logged: np.ndarray) -> Reward:
     """Return a logged reward in the form that agents take."""
     individual, common, cost, total, partners = logged.tolist()
-    known = 0 <= partners < 2.0**53  # NaN if it is not logged
-    seen = int(partners) if known else UNKNOWN_PARTNERS
-    return Reward(individual, common, cost, total, seen)
+    return Reward(individual, common, cost, total, int(partners))
