@@ -33,7 +33,7 @@ def test_counts_that_contradict_one_another_are_named(tmp_path):
     values = {
         "scenario": "env1",
         "out": str(out),
-        "set": ["steps=120"],
+        "steps": 120,
         "claim_window": 0.0,
     }
     with ros_context() as context:

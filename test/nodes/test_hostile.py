@@ -303,9 +303,7 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
             then = answer_later if asks else answer
             return super().create_service(kind, name, then, **more)
 
-    world = bench.world(
-        out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()]
-    )
+    world = bench.world(out=str(tmp_path), **settings)
     values = {"out": str(tmp_path), "claim_window": 0.0}
     slow = Slow(name="robot_2", context=bench.place("other")[0], values=values)
     robots = [bench.robot("robot_1", out=str(tmp_path)), bench.add(slow, "other")]
@@ -367,9 +365,7 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
         own += [word for parameter in parameters for word in ("-p", parameter)]
         return bench.add(kind(context=bench.place(name, own)[0]), name)
 
-    start(
-        WorldSimulator, "earth", "scenario:=env1", "set:=[steps=30]", "recorded:=true"
-    )
+    start(WorldSimulator, "earth", "scenario:=env1", "steps:=30", "recorded:=true")
     start(Recorder, "scribe", f"out:={tmp_path / 'bag'}")
     for name in NAMES:
         start(RobotNode, name)

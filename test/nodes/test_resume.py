@@ -39,7 +39,6 @@ SETTINGS = {
 }
 STEPS = 3000
 """Of a team that is killed twice."""
-SETS = [f"{name}={value}" for name, value in SETTINGS.items()]
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def values(out, **more):
         "scenario": "env1",
         "seed": SEED,
         "out": str(out),
-        "set": SETS,
+        **SETTINGS,
         "checkpoint": 150,
     }
     return {**base, "claim_window": 0.0, **more}
@@ -243,9 +242,7 @@ def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
     """It knows its checkpoint; the recorder ran all the time, and has later messages."""
     out = tmp_path / "out"
     alone = {"returning": "continue", "out": str(out)}
-    world = bench.world(
-        set=["steps=90"], checkpoint=20, recorded=True, rate=100.0, **alone
-    )
+    world = bench.world(steps=90, checkpoint=20, recorded=True, rate=100.0, **alone)
     bench.recorder(out / "bag")
     robots = bench.robots(out=str(out))
     observer = bench.observer()
