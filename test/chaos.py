@@ -11,10 +11,9 @@ of a run without ROS, bit for bit. No process may wait for ever or print a trace
 to say "identical"; where a recorder was killed or stopped, that its recording lacks something.
 Summary, history, diagnostics and log are to count alike (`live_teams.odd_counts`).
 
-In some runs other things happen: the output directory is deleted; a stranger speaks on every
-topic, or serves a robot's `active_perception` too, with lies (`strangers`); or the world goes on
-where it is (`returning:=continue`) while two are killed in a row: the tables are then those of no
-run, and `verify` may find it undecided.
+In some runs other things happen: the output directory is deleted; or the world goes on where it is
+(`returning:=continue`) while two are killed in a row: the tables are then those of no run, and
+`verify` may find it undecided.
 """
 
 import argparse
@@ -29,7 +28,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import strangers
 from live_teams import command, node_words, odd_counts, same_tables
 from patience import PATIENCE_SECONDS
 
@@ -50,10 +48,6 @@ LIMIT_SECONDS = PATIENCE_SECONDS
 KILL = "killed"
 STOP = "stopped"
 DELETE = "its directory deleted"
-VISIT = "visited by a stranger"
-LIE = "has a second server"
-STRANGERS = {VISIT: (), LIE: ("--lie", ROBOTS[1])}
-"""What they are given as options."""
 
 
 class Fault(NamedTuple):
@@ -98,7 +92,7 @@ def plan_of(seed: int) -> Plan:
     chance = random.Random(seed)
     steps = chance.randrange(300, 601)
     faults = []
-    kind = chance.choice((KILL, KILL, KILL, "continue", "continue", DELETE, VISIT, LIE))
+    kind = chance.choice((KILL, KILL, KILL, "continue", "continue", DELETE))
     for _ in range(2 if kind == "continue" else chance.choice((1, 1, 2, 3))):
         who = chance.choice(
             (*((node,) for node in NODES), *((node,) for node in NODES), NODES)
@@ -109,10 +103,8 @@ def plan_of(seed: int) -> Plan:
             what = STOP
             seconds = chance.uniform(0.1, 3.0)
         faults.append(Fault(chance.randrange(1, steps // 4), who, what, seconds))
-    if kind in STRANGERS or kind == DELETE:
-        seconds = 0.0 if kind == DELETE else chance.uniform(2.0, 4.0)
-        who = (ROBOTS[1],) if kind == LIE else NODES
-        faults = [Fault(chance.randrange(1, steps // 4), who, kind, seconds)]
+    if kind == DELETE:
+        faults = [Fault(chance.randrange(1, steps // 4), NODES, DELETE, 0.0)]
     returning = "continue" if kind == "continue" else "rollback"
     return Plan(steps, chance.choice((0, 7, 25, 40, 100)), tuple(faults), returning)
 
@@ -140,8 +132,6 @@ class Team:
     def start(self, name: str, *, resume: bool) -> None:
         """Start a node."""
         given: dict[str, object] = {}
-        if name != RECORDER:
-            given["claim_window"] = 0.2
         if name == WORLD:
             given |= {"rate": RATE, "returning": self._plan.returning}
         if resume:
@@ -208,21 +198,7 @@ class Team:
         alive = [name for name in fault.who if name in self.running]
         if WORLD not in self.running:  # the run is over
             return
-        if fault.what in STRANGERS:
-            with (self._folder / "stranger").open("ab") as log:
-                words = [
-                    strangers.__file__,
-                    "--seed",
-                    str(self._seed),
-                    *STRANGERS[fault.what],
-                ]
-                stranger = subprocess.Popen(
-                    [sys.executable, *words], stdout=log, stderr=log
-                )
-            time.sleep(fault.seconds)
-            stranger.terminate()
-            stranger.wait()
-        elif fault.what == DELETE:
+        if fault.what == DELETE:
             # at once, whoever writes into it
             gone = self.out.rename(self._folder / "deleted")
             shutil.rmtree(gone)
@@ -283,13 +259,12 @@ def judge(plan: Plan, out: Path) -> list[str]:
     except SparseCoordError as error:
         return [str(error)]
     struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
-    # a stranger's words, and runs that nobody can compute
-    if VISIT not in struck and not alone:
+    if not alone:
         wrong += [f"verify: {one}" for one in found.differences[:2]]
     # Fast DDS may leave a process deaf that stood still for more than a second.
     if not struck & {KILL, STOP} and not alone:
         wrong += [f"verify: undecided {one}" for one in found.unknown[:1]]
-    whole = not struck & {KILL, STOP, VISIT} and not found.differences
+    whole = not struck & {KILL, STOP} and not found.differences
     return wrong + odd_counts(out, found if whole else None)
 
 

@@ -65,7 +65,7 @@ class RunError(SparseCoordError):
 
 
 class NameTakenError(RunError):
-    """Another node has this node's name; the run directory belongs to that node."""
+    """Another world runs a team here, or another node has a robot's name: nothing is begun."""
 
 
 class TablesError(SparseCoordError):

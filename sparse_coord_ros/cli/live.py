@@ -77,9 +77,6 @@ def run(
 def sole_team() -> socket.socket:
     """Hold this machine's ROS domain until the returned socket is closed.
 
-    Of two teams that start at once, one is refused completely: claims, node by node, would give
-    each of them some of the names.
-
     Raises:
         RunError: another `sparse_coord run` of this user holds it, or the number is not a domain.
     """

@@ -11,7 +11,7 @@ SHOWN = 10
 UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
-    "diagnostics, /rosout, /parameter_events, claims and other topics; wall-clock stamps; "
+    "diagnostics, /rosout, /parameter_events and other topics; wall-clock stamps; "
     "the order of messages of different writers; how often status, markers and coordination maps "
     "come within an episode; the markers of a run with clock: none; fields that the team does not "
     "use (all: docs/log.md)"

@@ -25,10 +25,9 @@ STEPS = 120
 CHECKPOINT = 50
 PERIOD_NS = 100_000_000
 NAMES = ("robot_1", "robot_2")
-CLAIMS = {f"/{name}/_claim" for name in ("world_simulator", *NAMES)}
 MAPS = {f"/{name}/coordination_map" for name in NAMES}
 PROGRESS = {f"/{name}/_progress" for name in NAMES}
-LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS | PROGRESS | CLAIMS
+LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS | PROGRESS
 EVENTS = {f"/{name}/active_perception/_service_event" for name in NAMES}
 STEP_TOPICS = {
     f"/{name}/{topic}"
@@ -50,7 +49,6 @@ def recorded(tmp_path_factory):
         "out": str(out),
         "record": True,
         "checkpoint": CHECKPOINT,
-        "claim_window": 0.0,
     }
     with ros_context() as context:
         run_team(values, context=context)

@@ -229,21 +229,3 @@ def test_no_child_begins_with_what_lies_there(
     assert start() in (0, [2])
     assert list(tmp_path.glob("*.imported")) == []
     assert not os.environ.get(SAFE_PATH)
-
-
-def table():
-    """Return the table of verbs in docs/reliability.md, equal ones in one row."""
-    words = {None: "-", REFUSED: "refused", NOTHING: "all"}
-    rows: dict[str, list[str]] = {}
-    for command, outcomes in VERBS.items():
-        said = " | ".join(words.get(one, f"without {one}") for one in outcomes)
-        rows.setdefault(said, []).append(f"`{command.partition(' --out')[0]}`")
-    head = ["| verb | foreign learner | foreign perception model |", "|---|---|---|"]
-    return "\n".join(
-        [*head, *(f"| {', '.join(rows[said])} | {said} |" for said in rows)]
-    )
-
-
-def test_the_documentation_has_the_table():
-    text = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text()
-    assert table() in text, f"\n{table()}"

@@ -31,6 +31,7 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import HistoryRecorder, load_history
 from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.ros.nodes import parameters
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
@@ -47,6 +48,10 @@ UDP_ONLY = """\
   </transport_descriptors>
   <participant profile_name="udp_only" is_default_profile="true">
     <rtps>
+      <builtin><discovery_config>
+        <leaseDuration><sec>5</sec></leaseDuration>
+        <leaseAnnouncement><sec>1</sec></leaseAnnouncement>
+      </discovery_config></builtin>
       <userTransports><transport_id>loopback</transport_id></userTransports>
       <useBuiltinTransports>false</useBuiltinTransports>
     </rtps>
@@ -117,11 +122,11 @@ class Bench:
         self._places.clear()
 
     def world(self, *, namespace: str = "", **values) -> WorldSimulator:
-        """Start a world simulator; env1 without claim window unless `values` say otherwise.
+        """Start a world simulator; env1 unless `values` say otherwise.
 
         A new run is patient: on a busy machine no question fails, and no robot is left out.
         """
-        values = {"scenario": "env1", "claim_window": 0.0, **values}
+        values = {"scenario": "env1", **values}
         if not values.get("resume"):
             values = {**PATIENT, **values}
         context = self.place()[0]
@@ -133,7 +138,6 @@ class Bench:
         self, name: str, *, namespace: str = "", place: str = "team", **values
     ) -> RobotNode:
         """Start a robot."""
-        values = {"claim_window": 0.0, **values}
         context = self.place(place)[0]
         robot = RobotNode(
             context=context, name=name, namespace=namespace, values=values
@@ -447,13 +451,13 @@ def start_node(start):
 def ended_by(bench, monkeypatch, capfd):
     """Return a function that runs an executable here, and ends it by a signal after its start."""
 
-    def end(main, number, topic, *parameters):
+    def end(main, number, name, *parameters):
         """Return the exit code, and the text on stderr.
 
         Args:
             main: the executable's function.
             number: of the signal.
-            topic: is published when the node is there.
+            name: the node's.
             parameters: the node's, as `name:=value`.
         """
         words = [word for one in parameters for word in ("-p", one)]
@@ -462,7 +466,7 @@ def ended_by(bench, monkeypatch, capfd):
 
         def signal_it():
             deadline = time.monotonic() + PATIENCE_SECONDS
-            while not observer.count(topic) and time.monotonic() < deadline:
+            while name not in observer.get_node_names() and time.monotonic() < deadline:
                 time.sleep(0.02)
             os.kill(os.getpid(), number)
 
@@ -490,6 +494,12 @@ def _descendants() -> list[str]:
         except OSError:  # it has just ended, or is not ours
             continue
     return found
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    """Let nodes of this process begin without looking for others for a second."""
+    monkeypatch.setattr(parameters, "DISCOVERY_SECONDS", 0.0)
 
 
 @pytest.fixture(autouse=True)

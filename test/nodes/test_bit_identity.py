@@ -107,7 +107,7 @@ def test_team_in_one_process(tmp_path, played, assert_same_tables, learner):
     scenario, settings, said, how = played(learner)
     out = tmp_path / "out"
     given = {"scenario": scenario, "learner": learner, "seed": SEED, **settings}
-    more = {**given, "out": str(out), "claim_window": 0.0, **how}
+    more = {**given, "out": str(out), **how}
     namespace = more.pop("namespace", "")
     with ros_context() as context:
         summary = run_team(more, context=context, namespace=namespace)

@@ -101,11 +101,11 @@ def test_the_team_ends_when_the_world_fails(bench, tmp_path):
 
 
 MAINS = {
-    "world_simulator": (world_simulator.main, ["scenario:=env1"], "run"),
-    "robot": (robot.main, [], "robot/_claim"),
-    "recorder": (recorder.main, ["out:={out}"], "_recording"),
+    "world_simulator": (world_simulator.main, ["scenario:=env1"]),
+    "robot": (robot.main, []),
+    "recorder": (recorder.main, ["out:={out}"]),
 }
-"""For each node its executable, its parameters, and a topic that shows its presence."""
+"""For each node its executable and its parameters."""
 
 
 @pytest.mark.parametrize(
@@ -117,9 +117,9 @@ MAINS = {
     ],
 )
 def test_a_waiting_node_ends_well_on_a_signal(ended_by, tmp_path, name, number):
-    main, parameters, topic = MAINS[name]
+    main, parameters = MAINS[name]
     given = [one.format(out=tmp_path / "bag") for one in parameters]
-    code, said = ended_by(main, number, topic, *given)
+    code, said = ended_by(main, number, name, *given)
     assert code == 0
     assert "Traceback" not in said and "FATAL" not in said
     assert not (tmp_path / "bag").exists()  # no world, no run, no bag

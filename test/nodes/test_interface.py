@@ -42,7 +42,6 @@ TEAM = {
     "markers": ("visualization_msgs/msg/MarkerArray", True),
     "scene": ("visualization_msgs/msg/MarkerArray", True),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False),
-    "world_simulator/_claim": ("std_msgs/msg/Header", True),
 }
 ROBOT = {
     "local_state": ("geometry_msgs/msg/PoseStamped", False),
@@ -52,7 +51,6 @@ ROBOT = {
     "coordination_map": ("nav_msgs/msg/OccupancyGrid", True),
     "_progress": ("diagnostic_msgs/msg/DiagnosticStatus", True),
     "tables": ("std_msgs/msg/UInt8MultiArray", True),
-    "_claim": ("std_msgs/msg/Header", True),
 }
 """Type of every topic, and whether it is latched, by the design (not from the code)."""
 
@@ -236,7 +234,7 @@ def request_of(team, asker, steps_ago=0, name=None):
     return request
 
 
-def test_a_stranger_is_refused(team):
+def test_an_asker_that_is_no_robot_is_refused(team):
     plan = ask(team, "robot_1", request_of(team, "robot_2", name="robot_9"))
     assert not plan.poses
 

@@ -34,7 +34,7 @@ def begun(own_domain, tmp_path, monkeypatch):
         nodes = []
 
         def begin(**run):
-            values = {"claim_window": 0.0, "out": str(tmp_path)}
+            values = {"out": str(tmp_path)}
             node = puppet(RobotNode)(name="robot_1", context=context, values=values)
             nodes.append(node)
             node.heard_by = lambda publisher, role: True

@@ -25,7 +25,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
-from sparse_coord_ros.protocol.wire import ACTION, REWARD, ClaimRank, SelfReport
+from sparse_coord_ros.protocol.wire import ACTION, REWARD, SelfReport
 from sparse_coord_ros.protocol.wire.messages import markers_form
 from sparse_coord_ros.protocol.wire.status import (
     Order,
@@ -36,7 +36,6 @@ from sparse_coord_ros.protocol.wire.status import (
     values_of,
 )
 from sparse_coord_ros.ros.nodes.body import read_command
-from sparse_coord_ros.ros.nodes.guard import read_claim
 from sparse_coord_ros.ros.nodes.messages import (
     Converter,
     read_tables_message,
@@ -119,10 +118,6 @@ def test_status_comes_back():
 def test_progress_comes_back():
     said = Progress("life", 40, 39, (0, 20), "order", True)
     assert read_progress(status("robot_1", "progress", said.values())) == said
-
-
-def test_a_claim_says_who_and_how_far():
-    assert read_claim(Header(frame_id="ab12 holding")) == ("ab12", ClaimRank.HOLDING)
 
 
 def grid_of(convert, data):
@@ -346,10 +341,6 @@ def progress(changes):
     return read_progress(status("robot_1", "progress", values))
 
 
-def claim(changes):
-    return read_claim(Header(frame_id=changes.get("frame_id", "ab12 holding")))
-
-
 MISFITS = [
     (state, {"x": 2.5}, {}, "is at (2.5, 4.5), no free cell of map env1"),
     (state, {"z": 9.0}, {}, "not flat"),
@@ -378,10 +369,6 @@ MISFITS = [
     (progress, {"step": 10**12}, {}, "more than a run can have"),
     (progress, {"transitions": 10**30}, {}, "more than a run can have"),
     (progress, {"checkpoints": (0, -5)}, {}, "more than a run can have"),
-    (claim, {"frame_id": ""}, {}, "is not a claim"),
-    (claim, {"frame_id": "ab12"}, {}, "is not a claim"),
-    (claim, {"frame_id": " holding"}, {}, "is not a claim"),
-    (claim, {"frame_id": "ab12 dancing"}, {}, "is not a claim"),
     (tables, {"label": "csv"}, {}, "npz"),
     (tables, {"count": 1}, {}, "npz"),
     (goals, {"robot_1/to": 999.0}, {}, "robot_1/to"),

@@ -10,8 +10,17 @@ from pathlib import Path
 import pytest
 from patience import PATIENCE_SECONDS
 
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.share import share_folder
-from sparse_coord_ros.ros.nodes.environment import PROFILES, one_host, repair_promptly
+from sparse_coord_ros.ros.nodes.environment import (
+    PROFILES,
+    SECURITY_MARK,
+    check_participants,
+    check_security,
+    one_host,
+    repair_promptly,
+)
+from sparse_coord_ros.ros.nodes.robot import GHOST_SECONDS
 
 PUBLISH = """
 import rclpy
@@ -126,3 +135,51 @@ def test_profiles_of_the_current_directory_are_not_taken(monkeypatch, tmp_path) 
     command = [sys.executable, "-c", PUBLISH]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     assert victim.read_text() == "kept"
+
+
+def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
+    library = tmp_path / "lib" / "libfastrtps.so"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    check_security()
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    check_security()  # no wheel: a build of the user's own
+    library.parent.mkdir()
+    library.write_bytes(b"without")
+    with pytest.raises(RunError, match="DDS-Security"):
+        check_security()
+    library.write_bytes(b"with " + SECURITY_MARK)
+    check_security()
+
+
+def test_more_processes_than_find_each_other_are_refused(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    check_participants(32)
+    with pytest.raises(RunError, match="^34 nodes in processes"):
+        check_participants(34)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    check_participants(34)
+
+
+LIVE = """
+import sys
+import rclpy
+
+rclpy.init()
+rclpy.spin(rclpy.create_node(sys.argv[1]))
+"""
+
+
+def test_a_killed_process_is_forgotten_before_a_robot_of_its_name_gives_up(bench):
+    observer = bench.observer()
+    names = ("fastdds", "fastdds_one_host")
+    killed = []
+    for name in names:
+        profiles = {PROFILES: str(share_folder("config") / f"{name}.xml")}
+        command = [sys.executable, "-c", LIVE, name]
+        killed.append(subprocess.Popen(command, env={**os.environ, **profiles}))
+    bench.spin_until(lambda: {*names} <= {*observer.get_node_names()}, "all are there")
+    for process in killed:
+        process.kill()
+        process.wait()
+    gone = lambda: not {*names} & {*observer.get_node_names()}  # noqa: E731
+    bench.spin_until(gone, "all are forgotten", seconds=GHOST_SECONDS)

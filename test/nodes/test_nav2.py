@@ -242,9 +242,7 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     slow.speed = 2.0
     bench.spin_until(moved(world, 4), "not as quickly as the other one")
     bench.destroy(world)
-    bench.spin_until(
-        lambda: not observer.count("world_simulator/_claim"), "its name is free"
-    )
+    bench.spin_until(lambda: not observer.count("run"), "it is gone")
     known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
     again = bench.world(bodies=True, resume=True, **known)
     bench.spin_until(lambda: again.done, "the run's end")

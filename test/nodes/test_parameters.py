@@ -151,7 +151,6 @@ REFUSED = [
         "from the cells and actions of all robots;",
     ),
     (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
-    ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
     ("robot", [f"out:={__file__}"], NO_DIRECTORY),
     ("recorder", [f"out:={__file__}/a"], f"as {__file__} is no directory; choose"),
     ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),

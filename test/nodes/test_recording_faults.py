@@ -106,7 +106,7 @@ def test_a_run_goes_on_when_its_writer_is_killed(tmp_path, monkeypatch):
         return False
 
     values = {"scenario": "env1", "steps": 150, "rate": 150.0, "record": True}
-    more = {"out": str(out), "claim_window": 0.0}
+    more = {"out": str(out)}
     monkeypatch.setattr(Recorder, "flush_steps", 10)
     with ros_context() as context:
         summary = run_team({**values, **more}, context=context, stop=look)
@@ -182,9 +182,8 @@ def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.BagProcess", Broken)
     out = tmp_path / "out"
     values = {"scenario": "env1", "steps": 30, "out": str(out), "record": True}
-    quick = {"claim_window": 0.0}
     with ros_context() as context:
-        summary = run_team({**values, **quick}, context=context)
+        summary = run_team(values, context=context)
     assert (summary["transitions"], summary["recording_error"]) == (
         30,
         "cannot write run.yaml",
@@ -260,7 +259,7 @@ def test_an_output_directory_that_is_deleted_is_made_again(
             if self.world.transitions == 20:
                 deleted.append(shutil.rmtree(out))
 
-    values = {"scenario": "env1", "out": str(out), "record": True, "claim_window": 0.0}
+    values = {"scenario": "env1", "out": str(out), "record": True}
     monkeypatch.setattr(
         "sparse_coord_ros.ros.nodes.world_simulator.WorldSide", Deleting
     )

@@ -54,7 +54,7 @@ def values(out, **more):
         **SETTINGS,
         "checkpoint": 150,
     }
-    return {**base, "claim_window": 0.0, **more}
+    return {**base, **more}
 
 
 def saved(out):
@@ -81,7 +81,7 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(
     assert max(set.intersection(*steps)) == max(set.union(*steps)), (
         "all ended at one step"
     )
-    again = {"resume": True, "out": str(out), "claim_window": 0.0}
+    again = {"resume": True, "out": str(out)}
     board = MessageBoard()
     with ros_context() as context:
         summary = run_team(again, context=context, page=board)
@@ -140,9 +140,7 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     pause = SetBool.Request(data=True)
     observer.call(SetBool, "world_simulator/pause", pause)  # it says how it stands
     bench.destroy(world)
-    bench.spin_until(
-        lambda: not observer.count("world_simulator/_claim"), "its name is free"
-    )
+    bench.spin_until(lambda: not observer.count("run"), "it is gone")
     again = bench.world(out=str(tmp_path), resume=True, scenario="")
     observer.call(SetBool, "world_simulator/pause", pause)
     again.subscriber.drop("a topic", "does not fit")
@@ -248,7 +246,8 @@ def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
     observer = bench.observer()
     bench.spin_until(lambda: world.lockstep.world.step > 50, "between two checkpoints")
     bench.destroy(world if who == "world_simulator" else robots[1])
-    bench.spin_until(lambda: not observer.count(f"{who}/_claim"), "its name is free")
+    topic = "run" if who == "world_simulator" else f"{who}/action"
+    bench.spin_until(lambda: not observer.count(topic), "it is gone")
     if who == "world_simulator":
         bench.world(scenario="", resume=True, **alone)
     else:

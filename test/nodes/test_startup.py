@@ -3,10 +3,12 @@
 """Nodes start in any order, and nodes that cannot take part report the reason."""
 
 import re
+import time
 
 import pytest
+from patience import PATIENCE_SECONDS
 from rclpy.node import Node
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 from teams import tables_in
 
 from sparse_coord_ros.base.errors import (
@@ -15,14 +17,12 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     TablesError,
 )
-from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire import ClaimRank
-from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.guard import NameClaim
-from sparse_coord_ros.ros.nodes.robot import Member
+from sparse_coord_ros.ros.nodes import parameters, robot, ros_topics
+from sparse_coord_ros.ros.nodes.recorder import Recorder
+from sparse_coord_ros.ros.nodes.robot import Member, RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
@@ -72,13 +72,21 @@ def test_a_robot_that_the_scenario_does_not_have(bench):
         bench.spin_until(lambda: False)
 
 
-def test_a_second_robot_of_a_name_stops(bench):
+@pytest.fixture
+def looking(monkeypatch):
+    """Let nodes look for others before they begin, and ghosts be gone soon."""
+    monkeypatch.setattr(parameters, "DISCOVERY_SECONDS", 1.0)
+    monkeypatch.setattr(robot, "GHOST_SECONDS", 1.5)
+
+
+def test_a_second_robot_of_a_name_stops(bench, looking):
     world = bench.world(rate=0.001)
     first, _ = bench.robots()
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    second = bench.robot("robot_1", place="elsewhere", claim_window=5.0)
-    with pytest.raises(NameTakenError, match="/robot_1"):
+    second = bench.robot("robot_1", place="elsewhere")
+    with pytest.raises(NameTakenError, match="^node /robot_1: another node has this"):
         bench.spin_until(lambda: False)
+    assert second.member is None
     bench.destroy(second)
     world.values["rate"] = 0.0
     before = world.lockstep.world.transitions
@@ -88,58 +96,29 @@ def test_a_second_robot_of_a_name_stops(bench):
     assert first.member.lockstep.newest[0] > 20
 
 
-def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
-    """Nor does it matter whose endpoint identifiers are lower: the context opened first has them.
-
-    So the first robot of the name starts in the context that was opened last.
-    """
-    bench.place("a"), bench.place("b")
-    other = bench.robot("robot_2", place="a")
-    first = bench.robot("robot_1", place="b", claim_window=0.1)
-    bench.spin_until(
-        lambda: first.guard.claim.rank == ClaimRank.HOLDING, "first has its name"
-    )
-    second = bench.robot("robot_1", place="a", claim_window=5.0)
-    with pytest.raises(NameTakenError, match="/robot_1"):
-        bench.spin_until(lambda: False)
-    assert second.failure is not None
-    bench.destroy(second)
-    world = bench.world(steps=SHORT)
-    bench.spin_until_done(world, first, other)
-    assert world.summary()["timeouts"] == 0
+def test_a_robot_waits_until_a_ghost_of_its_name_is_gone(bench, looking, monkeypatch):
+    monkeypatch.setattr(robot, "GHOST_SECONDS", PATIENCE_SECONDS)
+    ghost = bench.add(Node("robot_1", context=bench.place("killed")[0]), "killed")
+    bench.world()
+    one = bench.robot("robot_1")
+    bench.spin_until(lambda: one.run and one.looked_around(time.monotonic()), "a run")
+    assert one.member is None
+    bench.destroy(ghost)
+    bench.spin_until(lambda: one.member, "it begins")
 
 
-@pytest.mark.parametrize("rank", [ClaimRank.STARTING, ClaimRank.HOLDING])
-def test_of_two_nodes_of_a_name_one_ends(rank):
-    """The node at the earlier stage; at equal stages, the one with the higher identity."""
-    low = NameClaim("1", rank)
-    high = NameClaim("2", rank)
-    assert high.yields_to(low) and not low.yields_to(high)
-    further = NameClaim("3", rank + 1)
-    assert low.yields_to(further) and not further.yields_to(low)
-    joined = NameClaim("2", ClaimRank.JOINED)
-    assert not joined.yields_to(NameClaim("1", ClaimRank.JOINED)), (
-        "nobody leaves a run for another"
-    )
-
-
-def test_a_second_world_stops(bench):
+def test_a_second_world_stops(bench, looking):
+    """Whatever its name; a killed one sends nothing, so the next one begins."""
     first = bench.world(rate=0.001)
-    observer = bench.observer()
-    bench.spin_until(
-        lambda: first.guard.claim.rank == ClaimRank.HOLDING, "first has its name"
-    )
-    second = WorldSimulator(
-        context=bench.place("elsewhere")[0],
-        values={"scenario": "cit", "claim_window": 5.0},
-    )
-    bench.add(second, "elsewhere")
-    runs = observer.listen(String, "run", latched=True)
-    with pytest.raises(NameTakenError, match="/world_simulator"):
+    bench.spin_until(lambda: first.looked_around(time.monotonic()), "it has opened")
+    named = ["--ros-args", "-r", "__node:=earth", "-p", "scenario:=cit"]
+    context, _ = bench.place("elsewhere", named)
+    second = bench.add(WorldSimulator(context=context), "elsewhere")
+    with pytest.raises(NameTakenError, match="^another world announces a run on /run;"):
         bench.spin_until(lambda: False)
+    assert second.may_stop()
+    second.finish(interrupted=True)
     bench.destroy(second)
-    bench.spin_until(lambda: runs, "the run")
-    assert [run_from_yaml(m.data, where="run").scenario.name for m in runs] == ["env1"]
     bench.robots()
     bench.spin_until(lambda: first.lockstep.complete, "the first goes on")
 
@@ -267,7 +246,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     before = tmp_path / "before"
     before.mkdir()
     save_team(before, [table.memory for table in learned.tables])
-    values = {"scenario": "env1", "claim_window": 0.0, "record": False}
+    values = {"scenario": "env1", "record": False}
     epsilons = []
 
     class Watched(Member):
@@ -299,7 +278,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
 def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
     first = simulate("env1", {"steps": 40}, seed=3)
     second = simulate("env1", {"steps": 40}, seed=4, tables=first.tables)
-    values = {"scenario": "env1", "claim_window": 0.0, "record": False, "steps": SHORT}
+    values = {"scenario": "env1", "record": False, "steps": SHORT}
     with ros_context() as context:
         run_team({**values, "seed": 3, "out": str(tmp_path / "one")}, context=context)
         more = {
@@ -309,9 +288,7 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
         }
         begun = (tmp_path / "two" / "run.yaml").exists
         assert run_team({**values, **more}, context=context, stop=begun)["interrupted"]
-        run_team(
-            {"claim_window": 0.0, "resume": True, "out": more["out"]}, context=context
-        )
+        run_team({"resume": True, "out": more["out"]}, context=context)
     assert_same_tables(tmp_path / "one", first)
     assert_same_tables(tmp_path / "two", second)
     assert second.tables[0].q_star.tobytes() != first.tables[0].q_star.tobytes()
@@ -336,17 +313,17 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
         bench.spin_until(lambda: False)
 
 
-def test_a_claim_is_said_when_it_changes(bench):
-    """Not with every tick."""
-    observer = bench.observer()
-    claims = observer.listen(Header, "robot_1/_claim", latched=True)
-    robot = bench.robot("robot_1")
-    bench.spin_until(
-        lambda: robot.guard.claim.rank == ClaimRank.HOLDING, "it has its name"
-    )
-    beats = []
-    timer = observer.create_timer(0.05, lambda: beats.append(True))
-    bench.spin_until(lambda: len(beats) >= 10 and claims, "time passes")
-    observer.destroy_timer(timer)
-    said = [one.frame_id.partition(" ")[2] for one in claims]
-    assert len(said) == len(set(said)) and said[-1] == "holding"
+def test_world_and_recorder_may_be_renamed(bench, tmp_path):
+    """Their topics show their roles; and /clock stands still for use_sim_time."""
+
+    def start(kind, name, *parameters):
+        own = ["--ros-args", "-r", f"__node:={name}", "-p", "use_sim_time:=true"]
+        own += [word for parameter in parameters for word in ("-p", parameter)]
+        return bench.add(kind(context=bench.place(name, own)[0]), name)
+
+    start(WorldSimulator, "earth", "scenario:=env1", "steps:=30", "recorded:=true")
+    start(Recorder, "scribe", f"out:={tmp_path / 'bag'}")
+    for name in ("robot_1", "robot_2"):
+        start(RobotNode, name)
+    bench.spin_until_done()
+    assert verify(tmp_path / "bag").same

@@ -19,7 +19,7 @@ from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
 NAMES = ("robot_1", "robot_2")
-TEAM = {"run", "status", "map", "markers", "scene", "world_simulator/_claim"}
+TEAM = {"run", "status", "map", "markers", "scene"}
 ROBOT = {
     "local_state",
     "reward",
@@ -28,7 +28,6 @@ ROBOT = {
     "coordination_map",
     "_progress",
     "tables",
-    "_claim",
 }
 
 

@@ -302,7 +302,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
             "steps": 300,
             "out": str(tmp_path / "run"),
         }
-        values |= {"claim_window": 0.0, "seed": 3}
+        values |= {"seed": 3}
         context = bench.place()[0]
         team.run_team(values, context=context, page=page.board)
         log = read_run(tmp_path / "run/bag")

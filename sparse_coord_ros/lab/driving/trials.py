@@ -32,9 +32,6 @@ _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
 DRIVER_SETTINGS = _TABLES["driver"]
 """Settings of a driver for its robot's body."""
 
-BODY_SETTINGS = _TABLES["body"]
-"""Settings of the simulator of bodies."""
-
 NAV2_SETTINGS = _TABLES["nav2_driver"]
 """Settings of a driver that leaves the steering to Nav2."""
 

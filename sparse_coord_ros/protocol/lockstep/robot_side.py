@@ -188,11 +188,6 @@ class RobotSide:
             self._choice = None
             self._go_on()
 
-    def due(self, there: int) -> int | None:
-        """Return the correct answer of a peer in a cell to the pending question, if any."""
-        sees = self._percepts.sees(self._handled, self.agent.number, self._cell, there)
-        return there if sees else None
-
     def asked(self, asker: int, step: int, asker_cell: int | None) -> Answer:
         """Answer a peer's request; the environment's perception model decides.
 

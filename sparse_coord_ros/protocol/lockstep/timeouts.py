@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Timeouts of world, robots and recorder: silence, reminders, deadlines, presence of the world.
 
-The world publishes its status every second, with the identity of its run. The status of another or
-a forged world does not count. Times are seconds of any monotonic clock.
+The world publishes its status every second, with the identity of its run. The status of another
+world does not count. Times are seconds of any monotonic clock.
 """
 
 from sparse_coord_ros.protocol.wire import RunState
@@ -128,7 +128,7 @@ class WorldPresence:
     """Watches the world of one run.
 
     Args:
-        run_id: the identity of the run; budget: its transitions.
+        run_id: the identity of the run.
         patience: seconds without a status until the world is given up; 0: never.
         now: the time.
 
@@ -137,29 +137,24 @@ class WorldPresence:
         ended: the time of its first report of the end.
     """
 
-    def __init__(self, run_id: str, budget: int, patience: float, now: float) -> None:
+    def __init__(self, run_id: str, patience: float, now: float) -> None:
         self._run_id = run_id
-        self._budget = budget
         self._patience = patience
         self._heard = now
         self._other = False
         self.end: int | None = None
         self.ended = 0.0
 
-    def hear(
-        self, run_id: str, state: str, step: int, transitions: int, now: float
-    ) -> None:
+    def hear(self, run_id: str, state: str, step: int, now: float) -> None:
         """Process a world's status.
 
         Raises:
-            ValueError: it cannot be from this run's world.
+            ValueError: it is of another run.
         """
         if run_id != self._run_id:
             raise ValueError(
                 f"is of run {run_id or '(none)'}, not of this run {self._run_id}"
             )
-        if state == RunState.FINISHED and transitions < self._budget:
-            raise ValueError(f"finished after {transitions} of {self._budget} steps")
         self._heard = now
         self._other = False
         if state in (RunState.FINISHED, RunState.STOPPED):
@@ -167,13 +162,6 @@ class WorldPresence:
             self.end = step
         else:
             self.end = None
-
-    def sees(self, step: int) -> bool:
-        """Note a time step of the world; return whether it contradicts the run's end."""
-        belied = self.end is not None and step > self.end
-        if belied:
-            self.end = None
-        return belied
 
     def another_run(self) -> None:
         """Another run was announced."""

@@ -269,8 +269,7 @@ class WorldSide:
     def repeat(self) -> None:
         """Repeat messages that robots may have lost; robots repeat their actions.
 
-        They go to all robots: a missing robot may wait for the answer of an arrived one, or for
-        the published cell of a peer whose answers it doubts.
+        They go to all robots: a missing robot may wait for the answer of an arrived one.
         """
         for k in self._robots:
             reward = self._rewards[k]

@@ -18,11 +18,10 @@ from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
 class Owner(StrEnum):
-    """The owner of a topic: the team, each robot, or each world or robot node."""
+    """The owner of a topic: the team, or each robot."""
 
     TEAM = "team"
     ROBOT = "robot"
-    NODE = "node"
 
 
 class Delivery(StrEnum):
@@ -47,7 +46,7 @@ class Topic:
     """One topic.
 
     Attributes:
-        name: relative to the team's namespace, or to the robot's or node's name.
+        name: relative to the team's namespace, or to the robot's name.
         type_name: the message's type, such as `std_msgs/msg/String`.
         owner: its owner.
         delivery: its quality of service.
@@ -67,7 +66,7 @@ class Topic:
     labels: tuple[str, ...] = ()
 
     def of(self, owner: str) -> str:
-        """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
+        """Return the topic's name below a robot's name; "": the team's."""
         return f"{owner}/{self.name}" if owner else self.name
 
     @property
@@ -135,7 +134,7 @@ class SelfReport(NamedTuple):
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """Labels of the numbers of an action in `action`; the fields of `SelfReport` follow them."""
 
-TEAM, ROBOT, NODE = Owner
+TEAM, ROBOT = Owner
 _STEP, _EVENT, _LATCHED, _TABLES = Delivery
 _STRING = "std_msgs/msg/String"
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
@@ -186,10 +185,6 @@ PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 
 TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False)
 """A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
-
-CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
-"""Claims of the world and of every robot: `frame_id` is the node's identity and its `ClaimRank`.
-The stamp (the claim's beginning by the wall clock) is for people only."""
 
 _EVENTS = (
     f"{ACTIVE_PERCEPTION.name}/_service_event",
@@ -294,17 +289,6 @@ class StartReason(StrEnum):
     STEPS = "steps"
     RESET = "reset"
     NOBODY_LEFT = "nobody"
-
-
-class ClaimRank(IntEnum):
-    """Ranks of claims to a node's name: the node in the more advanced state keeps its name.
-
-    The node checks whether the name is taken; it has the name; it takes part in a run.
-    """
-
-    STARTING = 0
-    HOLDING = 1
-    JOINED = 2
 
 
 class Occasion(StrEnum):

@@ -174,7 +174,7 @@ class Follower(ParameterNode):
         if self.presence is None:
             return
         try:
-            self.presence.hear(*said[:4], time.monotonic())
+            self.presence.hear(*said[:3], time.monotonic())
         except ValueError as error:
             self.subscriber.drop(ros_topics.STATUS.name, error)
         else:
@@ -211,9 +211,7 @@ class Follower(ParameterNode):
 
     def _begin(self, run: RunConfig, now: float) -> None:
         self.reminder.over()
-        self.presence = WorldPresence(
-            run.id, run.scenario.steps, self.world_timeout, now
-        )
+        self.presence = WorldPresence(run.id, self.world_timeout, now)
         self.begin(run)
         if self.status is not None:
             self._on_status(self.status)

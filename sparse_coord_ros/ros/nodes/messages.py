@@ -89,7 +89,7 @@ class Converter(Messages):
                 ]
                 bodies.append(BodyGoal(k, *ends))
         return Goals(
-            number=_whole(said, "number", 0, 2**53),
+            number=_whole(said, "number", 1, 2**53),
             step=self.step(0, ns),
             place=bool(_whole(said, "place", 0, 1)),
             since=_time(said, "since"),

@@ -23,7 +23,6 @@ from rclpy.task import Future
 from sparse_coord_ros.base.errors import RunError, needed
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
-from sparse_coord_ros.ros.nodes.guard import in_words, owners
 from sparse_coord_ros.ros.nodes.mover import MoverNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.ros.nodes.transforms import pose_message
@@ -39,6 +38,9 @@ TWO_SERVERS_SECONDS = 25.0
 
 SINGLE_SECONDS = 2.0
 """How long a server must have been the only one: discovery may find a second one later."""
+
+UNKNOWN_NODE = "NODE_NAME_UNKNOWN"
+"""Part of the name that rcl gives a node that it has only half discovered."""
 
 WARNING_SECONDS = 10.0
 """Between two warnings of a second server that appeared later."""
@@ -102,12 +104,26 @@ class Nav2DriverNode(MoverNode):
         super().report()
         servers = self._servers()
         if self.on_duty and len(servers) > 1:
-            text = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
+            text = self._several(servers)
             self.get_logger().warning(text, throttle_duration_sec=WARNING_SECONDS)
 
     def _servers(self) -> list[str]:
-        """Return the names of the servers of Nav2's action: each publishes its status."""
-        return owners(self, f"{self._name}/_action/status", service=False)
+        """Return the names of the servers of Nav2's action: each publishes its status.
+
+        As long as one of them is only half discovered, the list is empty.
+        """
+        infos = self.get_publishers_info_by_topic(f"{self._name}/_action/status")
+        if any(UNKNOWN_NODE in info.node_name for info in infos):
+            return []
+        return sorted(
+            f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos
+        )
+
+    def _several(self, servers: list[str]) -> str:
+        return (
+            f"Nav2's action {self._name} has {len(servers)} servers, {', '.join(servers)}; it "
+            "should have one: stop the others (a node that was killed is forgotten after 20 s)"
+        )
 
     def missing(self) -> str:
         """Return a text if Nav2 is missing, runs twice, or may still drive for another client.
@@ -121,7 +137,7 @@ class Nav2DriverNode(MoverNode):
             self._single_since = self._cleared = None
         if len(servers) > 1:
             self._doubled_since = self._doubled_since or now
-            what = f"Nav2's action {self._name} has {in_words(servers, 'servers')}"
+            what = self._several(servers)
             if now - self._doubled_since >= TWO_SERVERS_SECONDS:
                 raise RunError(f"node {self.get_name()}: {what}")
             return f"a single server: {what}"

@@ -49,7 +49,6 @@ from sparse_coord_ros.core.runs.run_config import (
     make_run,
 )
 from sparse_coord_ros.lab.driving.trials import (
-    BODY_SETTINGS,
     DRIVER_SETTINGS,
     NAV2_SETTINGS,
 )
@@ -88,7 +87,7 @@ _MORE: Mapping[str, Mapping[str, Setting]] = {
     },
     "driver": DRIVER_SETTINGS,
     "nav2_driver": NAV2_SETTINGS,
-    "body": BODY_SETTINGS,
+    "body": {"radius": DRIVER_SETTINGS["radius"]},
     "watch": PAGE_SETTINGS,
 }
 _TEAM = _OWN.pop("team")
@@ -118,6 +117,9 @@ each node, which uses its own ones."""
 ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
 """The topic that a node of each role publishes; it identifies the role whatever the node's
 name."""
+
+DISCOVERY_SECONDS = 1.0
+"""How long a starting node looks for other nodes."""
 
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
@@ -275,6 +277,10 @@ class ParameterNode(Node):
 
         self.create_service(message_class(service.type_name), service.of("~"), answer)
 
+    def looked_around(self, now: float) -> bool:
+        """Return whether the node has been there for long enough to have found the others."""
+        return now - self.born >= DISCOVERY_SECONDS
+
     def remind(self, reminder: Reminder, for_whom: str, remedy: str = "") -> None:
         """Log the awaited nodes, and what to do, at growing intervals."""
         waited = reminder.due(time.monotonic())
@@ -353,7 +359,7 @@ class ParameterNode(Node):
     def is_heard(self, topic: str, role: str) -> bool:
         """Return whether a node of a role subscribes; True for a failed recorder of this process.
 
-        All nodes of one name must subscribe: a killed node stays in the graph for 20 s.
+        All nodes of one name must subscribe: a killed node stays in the graph for 5 s.
         """
         if role == RECORDER and self.direct is not None and self.direct.closed:
             return True

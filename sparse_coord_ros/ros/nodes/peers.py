@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service `active_perception` from both sides: a robot asks its peers, and answers them.
 
-A foreign node can offer a peer's service too, and ROS 2 takes the first answer to a request, from
-any server. Once the graph shows a second server of a peer's service, a robot also listens to the
-peer's local state, and drops the answers that do not fit it. The fitting answer may come second.
-
 ROS 2 delivers the answer of a service to all its clients, and each client wakes up to see whether
 it is its own. With a client for each pair of robots the cost of a question would grow with the
 team, and the cost of starting and ending with its square. So the robots of one process share
@@ -29,7 +25,6 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
-from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import Converter
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE, STEP_QOS
@@ -61,11 +56,7 @@ class Peer:
     Attributes:
         heard: the time of the peer's last answer.
         repeats: number of repeated requests for the same step.
-        fits: tells whether an answer to the request of a step can be the peer's; None: its service
-            has no second server.
     """
-
-    fits: Callable[[int, Path], bool] | None = None
 
     def __init__(
         self, node: Node, client: Client, answered: Callable[[int, Path], None]
@@ -118,24 +109,6 @@ class Peer:
         self._forget()
         self._open = self._client.call_async(self._request)
         self._open.add_done_callback(lambda future: self._on_done(step, future))
-        if self.fits is not None:
-            self._choose(step, self._open, self.fits)
-
-    def _choose(
-        self, step: int, future: Future, fits: Callable[[int, Path], bool]
-    ) -> None:
-        """Keep a request open until an answer fits: rclpy hands over each answer."""
-        accept = future.set_result
-
-        def take(answer: GetPlan.Response) -> None:
-            if fits(step, answer.plan):
-                accept(answer)
-
-        future.set_result = take  # type: ignore[method-assign]
-
-    def send_again(self) -> None:
-        """Send the request again soon: the answer had no cell yet."""
-        self._sent = 0.0
 
     def start_anew(self) -> None:
         """Drop pending requests: the run goes back to an earlier time step, with all robots."""
@@ -178,7 +151,6 @@ class Peers:
     def __init__(
         self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
     ) -> None:
-        self._node = node
         self._subscriber = node.subscriber
         self._convert = convert
         self._side = side
@@ -190,7 +162,6 @@ class Peers:
             node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer),
         )
         self._peers: dict[int, Peer] = {}
-        self._places: dict[int, tuple[int, int]] = {}  # of peers with doubted answers
         for k, name in enumerate(self._names):
             if name == node.get_name():
                 continue
@@ -201,72 +172,19 @@ class Peers:
                     ACTIVE_PERCEPTION_TYPE, service
                 )
                 _introspect(node, node.shared_clients[service])
-            answered = node.guarded(partial(self.on_answer, k))
+            answered = node.guarded(partial(self._on_answer, k))
             self._peers[k] = Peer(node, node.shared_clients[service], answered)
 
     def ready(self) -> bool:
         """Return whether every peer's service has been there."""
-        for peer in self._peers:
-            self._look_for_another_server(peer)
         return all(peer.ready() for peer in self._peers.values())
 
     def ask(self, peer: int, step: int, cell: int) -> bool:
         """Ask a peer for its local state; return whether to wait, as `Peer.request` does."""
-        self._look_for_another_server(peer)
         return self._peers[peer].request(self._convert.pose(step, cell), step)
-
-    def _look_for_another_server(self, peer: int) -> None:
-        """Doubt a peer's answers from now on if another node offers its service too."""
-        name = self._names[peer]
-        one = self._peers[peer]
-        if (
-            one.fits is not None
-            or self._node.count_services(ACTIVE_PERCEPTION.of(name)) < 2
-        ):
-            return
-        one.fits = self._node.guarded(partial(self._fits, peer))
-        then = partial(self._places.__setitem__, peer)
-        self._subscriber.listen(
-            ros_topics.LOCAL_STATE, then, name, unpack=self._convert.unpack_state
-        )
-        self._node.get_logger().warning(
-            f"{ACTIVE_PERCEPTION.of(name)} has two servers: from now on answers that do not "
-            f"fit the position of {name} are dropped"
-        )
-
-    def _fits(self, peer: int, step: int, plan: Path) -> bool:
-        """Return whether an answer agrees with the peer's position as the world publishes it."""
-        said = plan.header.stamp
-        now = self._convert.header(step).stamp
-        if self._side.waiting != ("percept", step):
-            return True  # it is too late
-        if (said.sec, said.nanosec) < (now.sec, now.nanosec):
-            one = self._peers[peer]
-            if one.repeats < IMMEDIATE_REPEATS:
-                return True
-            one.heard = time.monotonic()
-            # the peer gets the request again, and may still answer this one
-            self.on_answer(peer, step, plan)
-            return False
-        if peer not in self._places:
-            return False  # the world will say all states again
-        there_step, there = self._places[peer]
-        if there_step < step:
-            self._peers[peer].send_again()  # the world is about to publish its cell
-            return False
-        fits = there_step > step or plan == self._convert.path(
-            step, (self._side.due(there),)
-        )
-        if not fits:
-            service = ACTIVE_PERCEPTION.of(self._names[peer])
-            self._subscriber.drop(
-                service, "the answer does not fit the peer's position", "dropped"
-            )
-        return fits
 
     def start_anew(self) -> None:
         """Drop pending requests: the run goes back to an earlier time step."""
-        self._places.clear()
         for peer in self._peers.values():
             peer.start_anew()
 
@@ -303,8 +221,8 @@ class Peers:
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
-    def on_answer(self, peer: int, request_step: int, plan: Path) -> None:
-        """Read an answer, from any server, to a peer's request of a time step."""
+    def _on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+        """Read a peer's answer to the request of a time step."""
         cell = None
         try:
             step = self._convert.checked_step(

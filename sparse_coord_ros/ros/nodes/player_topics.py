@@ -105,11 +105,8 @@ class PlayedTopics:
 
 
 def chosen_topics(bag: Bag) -> list[str]:
-    """Return the topics to play: all but `ROS_OWN` and claims, which would disturb live nodes."""
-    claim = f"/{ros_topics.CLAIM.name}"
-    return sorted(
-        name for name in bag.topics if name not in ROS_OWN and not name.endswith(claim)
-    )
+    """Return the topics to play: all but `ROS_OWN`, which would disturb live nodes."""
+    return sorted(set(bag.topics) - set(ROS_OWN))
 
 
 def class_of(topic: BagTopic) -> type:

@@ -29,7 +29,7 @@ from sparse_coord_ros.log.bags.metadata import RESTARTED, ROLLED_BACK, STALLED_R
 from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.recover import continued
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
+from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import STAMPED
 from sparse_coord_ros.protocol.wire.status import (
@@ -170,17 +170,14 @@ class Recording:
     def listen(self) -> None:
         """Subscribe to the topics of the run's team."""
         node = self._node
-        of_team, of_node, of_robot = map(ros_topics.recorded, (TEAM, NODE, ROBOT))
+        of_team, of_robot = map(ros_topics.recorded, (TEAM, ROBOT))
         for topic in of_team:
             if topic is ros_topics.CLOCK:
                 topic = ros_topics.clock_of(self.run)
             if topic is not ros_topics.RUN:
                 self._record(topic, "")
-        for name in node.names_of(WORLD) or {WORLD}:
-            for topic in of_node:
-                self._record(topic, name)
         for robot in self.run.scenario.robots:
-            for topic in (*of_robot, *of_node):
+            for topic in of_robot:
                 self._record(topic, robot.name)
             attach = partial(self.attach_tables, robot.name)
             tables = ros_topics.TABLES

@@ -5,12 +5,13 @@
 `Member` is the robot's part in a run, and exists once the run is known.
 """
 
+import uuid
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import TablesError, os_error_text
+from sparse_coord_ros.base.errors import NameTakenError, TablesError, os_error_text
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent
@@ -19,12 +20,10 @@ from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback
-from sparse_coord_ros.protocol.lockstep.step_filter import StepFilter
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
 from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.guard import Guard
 from sparse_coord_ros.ros.nodes.messages import (
     Converter,
     robot_number,
@@ -38,6 +37,10 @@ from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 LAST_REWARD_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
+
+GHOST_SECONDS = 6.0
+"""How long another node of the robot's name may stay: a killed one is in the graph for 5 s
+(`config/fastdds.xml`)."""
 
 PEER_PATIENCE_SECONDS = 2.0
 """How long a robot that is ready waits for its peers' services before it logs their names."""
@@ -87,7 +90,7 @@ class Member:
             self.lockstep,
             self.output.store,
             self._fresh_agent,
-            node.guard.claim.id,
+            uuid.uuid4().hex,
             resumed,
         )
         if resumed:
@@ -96,9 +99,6 @@ class Member:
             if step:
                 what = f"continues from its checkpoint of step {step}"
             node.get_logger().info(f"{self._name} {what}")
-        self._step_filter = StepFilter()
-        # The last state that did not pass the filter: it counts if the world confirms its step.
-        self._kept = (0, 0)
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
@@ -130,12 +130,11 @@ class Member:
         )
 
     def world_said(self, said: RunStatus) -> None:
-        """Read the world's status: an order to go back, and its progress."""
+        """Read the world's status: an order to go back."""
         order = said.order
         if self._back.obey(order):
             if order.step != NO_ROLLBACK:
                 self._unsaid = False
-                self._step_filter = StepFilter(order.first)
                 self.peers.start_anew()
                 self._node.get_logger().info(
                     f"went back to the checkpoint of step {order.step}"
@@ -143,8 +142,6 @@ class Member:
                 self.joined = False  # the world waits until all listen again
             elif self.joined:
                 self._say_progress()
-        if self._step_filter.confirmed(said.step):
-            self.lockstep.state(*self._kept)
 
     # Outgoing: the port of the lock step.
 
@@ -179,17 +176,6 @@ class Member:
         if not self.joined:  # it went back, and does not listen again yet
             return
         step, cell = said
-        drop = self._node.subscriber.drop
-        if not self._step_filter.passes(step):
-            self._kept = said
-            drop(
-                ros_topics.LOCAL_STATE.of(self._name),
-                f"step {step} does not follow {self._step_filter.newest}, and the world has "
-                "not announced that step",
-            )
-            return
-        if self._presence.sees(step):
-            drop(ros_topics.STATUS.name, "the world announced the end of the run")
         # no order to go back has come: it uses its own checkpoint
         if self._unsaid:
             self._unsaid = False
@@ -227,7 +213,6 @@ class Member:
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not self.peers.ready():
             return
         self._listen()
-        self._node.guard.join()
         self._say_progress()
         if not self._unsaid:
             self._say_what_is_known(self.lockstep.handled)
@@ -361,7 +346,6 @@ class RobotNode(Follower):
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
-        guard: guards its name.
         member: its part in the run, with Q*_k and Q^C_k; None: the run is not known yet.
 
     Raises:
@@ -373,11 +357,25 @@ class RobotNode(Follower):
 
     def __init__(self, *, name: str = "robot", **place: Unpack[NodePlace]) -> None:
         super().__init__(name, PARAMETERS["robot"], **place)
-        self.guard = Guard(self)
+        self._named = False
 
     def may_begin(self, now: float) -> bool:
-        """Return whether no earlier owner of the name has been heard in time."""
-        return self.guard.holds(now)
+        """Return whether the robot has its name: no other node of the graph has it.
+
+        Raises:
+            NameTakenError: another node has it, and is no ghost.
+        """
+        if self._named or not self.looked_around(now):
+            return self._named
+        names = self.get_fully_qualified_node_names()
+        name = self.get_fully_qualified_name()
+        self._named = names.count(name) < 2
+        if not self._named and now - self.born >= GHOST_SECONDS:
+            raise NameTakenError(
+                f"node {name}: another node has this name; stop that one, or start this one under "
+                "another name or namespace"
+            )
+        return self._named
 
     def check(self, run: RunConfig) -> None:
         """Raise `NotAllowedError` where the run names code that may not be imported."""

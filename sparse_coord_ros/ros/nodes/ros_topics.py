@@ -91,7 +91,4 @@ def recorder_qos(topic: RosTopic) -> QoSProfile:
     return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
 
 
-CLAIMS_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For reading claims: with a depth of 1, the node's own claim would push out another node's."""
-
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

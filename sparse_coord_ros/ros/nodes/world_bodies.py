@@ -68,11 +68,6 @@ class WorldBodies:
         silent = [name for name, heard in pairs if heard.get_publisher_count() == 0]
         return [f"driver --ros-args -p robot:={name}" for name in silent]
 
-    @property
-    def own(self) -> list[str]:
-        """The full names of the topics that must have one driver each as publisher."""
-        return [heard.topic_name for heard in self._subscriptions]
-
     def look(self, now: float, *, held: bool) -> None:
         """Log the awaited bodies; a late body counts as not moved.
 

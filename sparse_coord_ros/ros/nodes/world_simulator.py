@@ -12,7 +12,7 @@ from typing import Any, Unpack
 
 from rclpy.timer import Timer
 
-from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.errors import NameTakenError, RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.yaml_text import to_yaml
@@ -26,8 +26,9 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
+from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
-from sparse_coord_ros.ros.nodes.guard import Guard
+from sparse_coord_ros.ros.nodes.messages import run_announced
 from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
@@ -50,8 +51,6 @@ EVENTS = (
     "returned_robots",
     "robot_steps_lost",
     "taken_back",
-    "topics_of_two_publishers",
-    "services_of_two_servers",
 )
 """A world's counters of its run's faults, earlier processes included."""
 
@@ -64,8 +63,8 @@ PROGRESS_SECONDS = 5.0
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
 
-    The world opens when it has its name, begins when all nodes are there, and then makes a time
-    step when all robots have acted.
+    The world listens whether another one has announced a run, opens, begins when all nodes are
+    there, and then makes a time step when all robots have acted.
 
     Args:
         place: where the node is made, and with what: see `NodePlace`.
@@ -77,12 +76,11 @@ class WorldSimulator(ParameterNode):
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: robots without bodies.
         topics: its publishers.
-        guard: guards its name, topics and services.
         speed: the speed of the run.
         returning: rolls the team back if needed; it exists once the world has opened.
 
     Raises:
-        SparseCoordError: a bad parameter, a taken name, robots that do not come.
+        SparseCoordError: a bad parameter, another world, robots that do not come.
     """
 
     startup_timeout = 60.0
@@ -105,7 +103,6 @@ class WorldSimulator(ParameterNode):
             self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
-        self.guard = Guard(self)
         self.bodies: WorldBodies | None = None
         if self.run.bodies:
             self.bodies = WorldBodies(self, self.run, self._advance_where_due)
@@ -115,11 +112,11 @@ class WorldSimulator(ParameterNode):
         self.topics = WorldTopics(self, self.run, game, self._save)
         self._silence = self.topics.silence
         self.topics.hear_actions(self._on_action)
-        own = self.topics.own + (self.bodies.own if self.bodies else [])
-        asked = map(services.ACTIVE_PERCEPTION.of, self._names)
-        self.guard.watch(own, map(self.resolve_service_name, asked))
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
+        self._others = self.subscriber.listen(
+            ros_topics.RUN, self._refuse, unpack=run_announced
+        )
         self.create_timer(TICK_SECONDS, self._tick)
 
     # Its state.
@@ -197,6 +194,18 @@ class WorldSimulator(ParameterNode):
         silent = ", ".join(self._names[k] for k in side.missing() or side.absent)
         return False, f"paused; waits for the action of {silent}: call again"
 
+    def _refuse(self, run: str) -> None:
+        """Refuse to begin: a run comes, so its world lives; a killed one sends nothing.
+
+        Raises:
+            NameTakenError: always.
+        """
+        topic = self.resolve_topic_name(ros_topics.RUN.name)
+        raise NameTakenError(
+            f"another world announces a run on {topic}; stop that one, or start this one in "
+            "another namespace or ROS domain"
+        )
+
     # The course of the run.
 
     def _tick(self) -> None:
@@ -205,7 +214,7 @@ class WorldSimulator(ParameterNode):
         if self._stopped:
             return
         if self._output is None:
-            if self.guard.holds(now):
+            if self.looked_around(now):
                 self._open()
             return
         if not self.speed.begun:
@@ -219,6 +228,7 @@ class WorldSimulator(ParameterNode):
 
     def _open(self) -> None:
         """Offer the services and publish the run."""
+        self.destroy_subscription(self._others)
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
@@ -263,7 +273,6 @@ class WorldSimulator(ParameterNode):
                     f"start each one, as in: {self._start_of(missing)}"
                 )
             return
-        self.guard.join()
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
@@ -400,7 +409,6 @@ class WorldSimulator(ParameterNode):
     def _counts(self) -> dict[str, Any]:
         """Return the counts of summary and diagnostics."""
         events = self.returning.events
-        events |= self.guard.counts()
         return {
             "transitions": self.lockstep.world.transitions,
             "transitions_lost": self.lockstep.lost,
@@ -423,7 +431,6 @@ class WorldSimulator(ParameterNode):
         }
 
     def _report(self, now: float) -> None:
-        self.guard.look()
         world = self.lockstep.world
         run = self.run
         rate, moved = self.speed.report(now)

@@ -129,20 +129,6 @@ class WorldTopics:
         """Return whether no node publishes the actions of any of these robots."""
         return not any(self.actions[k].get_publisher_count() for k in robots)
 
-    @property
-    def own(self) -> list[str]:
-        """The full names of topics that must have one publisher: the world, or one robot."""
-        said = (
-            self._run_publisher,
-            self._status_publisher,
-            self.clock,
-            self._map_publisher,
-        )
-        return [
-            end.topic_name
-            for end in (*said, *self.states, *self.rewards, *self.actions)
-        ]
-
     # Other messages.
 
     def start_anew(self) -> None:
