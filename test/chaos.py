@@ -260,11 +260,11 @@ def judge(plan: Plan, out: Path) -> list[str]:
         return [str(error)]
     struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
     if not alone:
-        wrong += [f"verify: {one}" for one in found.differences[:2]]
+        wrong += [] if found.difference is None else [f"verify: {found.difference}"]
     # Fast DDS may leave a process deaf that stood still for more than a second.
     if not struck & {KILL, STOP} and not alone:
-        wrong += [f"verify: undecided {one}" for one in found.unknown[:1]]
-    whole = not struck & {KILL, STOP} and not found.differences
+        wrong += [] if found.undecided is None else [f"undecided: {found.undecided}"]
+    whole = not struck & {KILL, STOP} and found.difference is None
     return wrong + odd_counts(out, found if whole else None)
 
 

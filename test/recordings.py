@@ -23,11 +23,9 @@ from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.metadata import (
     METADATA_RECORD,
-    ROLLED_BACK,
     offered_qos_profiles,
 )
-from sparse_coord_ros.log.bags.reader import open_bag
-from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.log.bags.reader import continued, open_bag
 from sparse_coord_ros.log.bags.writer import DEFAULT_CHUNK_SIZE
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
@@ -498,8 +496,8 @@ def rolled_back(
         writer.abandon()
     else:
         rewritten(run.bag, directory, before, before)
-    why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
-    with BagWriter(directory, earlier=continued(directory), why=why) as writer:
+    says = {"step": str(step)}
+    with BagWriter(directory, earlier=continued(directory), says=says) as writer:
         messages = [
             m for m in bag.messages() if m.log_time_ns >= (step + missed) * period
         ]

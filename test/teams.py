@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios on small maps that a test draws, teams that walk to their goals, a stranger."""
+"""Scenarios on small maps that a test draws, teams that walk to their goals, code of others."""
 
 import sys
 from contextlib import contextmanager

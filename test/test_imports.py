@@ -91,7 +91,7 @@ def test_command_line_without_ros(bare, tmp_path):
         "assert main(['maps', 'env1']) == 0\n"
         "assert main(['optimum', 'env1']) == 0\n"
         "assert main(['run', 'env1', '--out', '/nonexistent/out']) == 2\n"
-        f"for verb, code in dict(info=0, verify=1, explain=0, recover=0).items():\n"
+        f"for verb, code in dict(info=0, verify=3, explain=0).items():\n"
         f"    assert main([verb, {str(tmp_path / 'bag')!r}]) == code, verb\n"
         f"    assert main([verb, {str(tmp_path / 'other/text')!r}]) == 2, verb\n"
         "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.ros.nodes')]\n"

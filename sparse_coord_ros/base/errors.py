@@ -77,7 +77,7 @@ class ResultsError(SparseCoordError):
 
 
 class BagError(SparseCoordError):
-    """A bag cannot be made, written, read or recovered, or a type's definition is missing."""
+    """A bag cannot be made, written or read, or a type's definition is missing."""
 
 
 class FaultError(SparseCoordError):

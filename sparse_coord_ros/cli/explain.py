@@ -45,7 +45,7 @@ def execute(options: argparse.Namespace) -> None:
         found = [one for k in asked for one in explained(log, k, [step])]
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
-    lines = [f"lost: {loss}" for loss in log.losses]
+    lines = [] if log.damage is None else [log.damage]
     lines += _which_step(options.robot or "all robots", options.step, step, steps)
     for one in found:
         lines += in_words(log, one)

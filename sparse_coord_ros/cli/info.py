@@ -10,7 +10,6 @@ from sparse_coord_ros.base.errors import SparseCoordError, in_line
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.runs.repeating import repeating_command
 from sparse_coord_ros.core.runs.run_config import RUN_RECORD
-from sparse_coord_ros.log.bags.gaps import gap_lines
 from sparse_coord_ros.log.bags.topics import latched
 
 EXAMPLE = "sparse_coord info runs/demo/bag"
@@ -20,7 +19,7 @@ OPTIONS = (shared.BAG, shared.JSON)
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Run the verb; 0, also of a damaged bag: `recover` and `verify` judge it."""
+    """Run the verb; 0, also of a damaged bag: `verify` judges it."""
     from sparse_coord_ros.log.bags.layout import being_recorded
     from sparse_coord_ros.log.bags.reader import open_bag
 
@@ -43,8 +42,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "finished": bag.finished,
         "recording": recording,
         "damage": bag.damage,
-        "gaps": bag.gaps,
-        "recovered": bag.recovered,
+        "ends_early": bag.ends_early(f"message {bag.message_count}"),
         "compression": bag.compressions,
         "run": record,
         "versions": {
@@ -86,9 +84,6 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
     yield f"{found['file']}: {found['bytes']} bytes, {_state(found)}"
     if len(found["files"]) > 1:
         yield f"files: {', '.join(found['files'])}"
-    if found["recovered"] is not None:
-        yield "recovered from a broken bag"
-    yield from gap_lines(found["gaps"])
     for what in ("run", "versions"):
         if found[what]:
             said = ", ".join(f"{name} {value}" for name, value in found[what].items())
@@ -125,10 +120,4 @@ def _lines(found: dict[str, Any]) -> Iterator[str]:
 def _state(found: dict[str, Any]) -> str:
     if found["recording"]:
         return "being recorded; shown up to the last part that its recorder has written"
-    if found["damage"] is not None:
-        return f"damaged: {found['damage']}"
-    return (
-        "finished"
-        if found["finished"]
-        else "unfinished (never closed; 'recover' restores it)"
-    )
+    return found["ends_early"] or "finished"

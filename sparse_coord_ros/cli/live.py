@@ -119,7 +119,7 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if recorder is not None and recorder.returncode:
         error = BagError(
             f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "
-            "recorded until then, 'sparse_coord recover' repairs it"
+            "recorded until then, and is read up to there"
         )
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 

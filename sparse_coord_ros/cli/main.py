@@ -24,7 +24,7 @@ EPILOG = """\
 
 exit codes:
   0    done
-  1    check failed (verify, recover, doctor)
+  1    check failed (verify, doctor)
   2    bad input; one line says what to change
   3    undecided (verify, where a part of the log is missing)
   130  interrupted

@@ -48,7 +48,7 @@ def execute(options: argparse.Namespace) -> None:
     for one in log.all_tables:
         of_each[one.robot][one.step] = one.tables
     common = sorted(set.intersection(*(set(known) for known in of_each)))
-    said: dict[str, Any] = {"bag": options.bag, "steps": common, "losses": log.losses}
+    said: dict[str, Any] = {"bag": options.bag, "steps": common, "damage": log.damage}
     there = ", ".join(map(str, common)) or "none"
     lines = [f"time steps with tables of all robots: {there}"]
     if options.out is not None:
@@ -63,5 +63,5 @@ def execute(options: argparse.Namespace) -> None:
         write_whole(out / RUN_FILE, log.run.to_yaml())
         said |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]
-    lost = [f"lost: {loss}" for loss in log.losses]
+    lost = [] if log.damage is None else [log.damage]
     tell(options, said, *lost, *lines)

@@ -33,7 +33,6 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "verify": "recompute a recorded run from its seed and log, and compare",
         "explain": "explain the questions of a time step: answer, choice, update",
         "replay": "play a recorded run back over ROS 2",
-        "recover": "repair a bag that is damaged or was cut off by a crash",
         "tables": "extract the tables of a checkpoint from a bag",
     },
     "maps": {

@@ -5,27 +5,19 @@
 import argparse
 from collections.abc import Iterator
 
-from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, Option, tell
+from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, tell
 
-SHOWN = 10
 UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
-    "diagnostics, /rosout, /parameter_events and other topics; wall-clock stamps; "
-    "the order of messages of different writers; how often status, markers and coordination maps "
-    "come within an episode; the markers of a run with clock: none; fields that the team does not "
-    "use (all: docs/log.md)"
+    "map, markers, coordination maps, clock, status, scene, diagnostics, service events and other "
+    "topics; wall-clock stamps; the order of messages of different topics (all: docs/log.md)"
 )
 
 EXAMPLE = "sparse_coord verify runs/demo/bag"
 
 
-OPTIONS = (
-    BAG,
-    Option("--all", bool, f"print all differences, not the first {SHOWN}"),
-    ALLOW,
-    JSON,
-)
+OPTIONS = (BAG, ALLOW, JSON)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -37,13 +29,10 @@ def execute(options: argparse.Namespace) -> int:
     facts = {name: value for name, value in vars(found).items() if name != "log"}
     facts["bag"] = log.bag.path
     facts["identical"] = found.same
-    facts["undecided"] = found.undecided
-    facts["rollbacks"] = log.messages.rollbacks
-    facts["gaps"] = log.gaps
-    facts["losses"] = log.losses
-    shown = None if options.all else SHOWN
-    tell(options, facts, *_account(found), *_answer(found, shown))
-    if found.undecided:
+    facts["segments"] = log.messages.segments
+    facts["damage"] = log.damage
+    tell(options, facts, *_account(found), *_answer(found))
+    if found.undecided is not None:
         return UNDECIDED
     return 0 if found.same else 1
 
@@ -52,10 +41,8 @@ def _account(found) -> Iterator[str]:
     """Yield the lines on the run, the amount of computation, and the notes."""
     log = found.log
     yield str(log.bag.path)
-    if log.bag.damage is not None and not log.bag.gaps:
-        yield f"damaged, but all is read: {log.bag.damage}"
-    for loss in log.losses:
-        yield f"lost: {loss}"
+    if log.damage is not None:
+        yield log.damage
     learner = f"{log.run.learner}, greedy" if log.run.greedy else log.run.learner
     yield (
         f"{log.run.scenario.name}, {learner}, seed {log.run.seed}, "
@@ -69,34 +56,17 @@ def _account(found) -> Iterator[str]:
         yield f"{name}: {count}"
     if log.run.bodies:
         yield "the robots have bodies: the result of each move is taken from the log"
-    for stall in log.messages.stalls:
-        yield (
-            f"the recorder stood still for {stall.seconds} s: messages from time step "
-            f"{stall.step} on may be lost"
-        )
-    for back in log.messages.rollbacks:
-        yield (
-            f"at time step {back.until} the run went back to the checkpoint of time step "
-            f"{back.step}; the time steps between are not compared"
-        )
+    for file, step in zip(log.bag.files, log.messages.segments, strict=True):
+        if step >= 0:
+            yield f"{file.path.name}: goes on from the checkpoint of time step {step}"
 
 
-def _answer(found, shown: int | None) -> Iterator[str]:
+def _answer(found) -> Iterator[str]:
     """Yield the lines of the result: identical, differs, or undecided."""
     if found.same:
         yield "identical: every state, reward, percept, action and table agrees"
         yield f"not compared: {NOT_COMPARED}"
-        return
-    for difference in found.differences[:shown]:
-        yield f"differs: {difference}"
-    if shown is not None and shown < len(found.differences):
-        yield f"and {len(found.differences) - shown} more (--all)"
-    if found.differences:
-        for message in found.log.messages.foreign[:shown]:
-            yield f"foreign: {message}"
-    for unknown in found.unknown[:shown]:
-        yield f"undecided {unknown}"
-    if shown is not None and shown < len(found.unknown):
-        yield f"and {len(found.unknown) - shown} more (--all)"
-    if found.undecided and found.steps:
-        yield "all else is identical"
+    elif found.difference is not None:
+        yield f"differs: {found.difference}"
+    else:
+        yield f"undecided {found.undecided}"

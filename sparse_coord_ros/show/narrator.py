@@ -1,13 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Positions and actions of robots in words: relative to doorways and shortest paths.
-
-Doorways are those of `show.doorways`: a passage of doorway cells is one doorway.
-"""
+"""Positions and actions of robots in words."""
 
 from collections.abc import Sequence
-
-import numpy as np
+from functools import lru_cache
 
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.base.percents import percent
@@ -17,7 +13,6 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
-from sparse_coord_ros.show.doorways import NO_WAY, Doorways
 from sparse_coord_ros.show.steps import Interacting, Question, interacting_in
 
 ENDED = {
@@ -25,6 +20,12 @@ ENDED = {
     REFUSED: "The question is refused.",
     FAILED: "No answer comes.",
 }
+
+CLOSE = 2
+"""Of several robots those are told that are at most so many moves away."""
+
+KEPT = 256
+"""Cells whose distances to all cells are kept for later calls."""
 
 
 class Narrator:
@@ -35,137 +36,46 @@ class Narrator:
 
     Attributes:
         names: the robots' names.
-        doorways: the doorways of its map.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         self._grid = scenario.map
         self._interactions = interactions_of(scenario)
         self.names = [robot.name for robot in scenario.robots]
-        self.doorways = Doorways(scenario.map)
-        self._from = [self.doorways.moves_to(robot.start) for robot in scenario.robots]
-        self._goal = [robot.goal for robot in scenario.robots]
-        self._home = [self.doorways.moves_to(robot.goal) for robot in scenario.robots]
-
-    def _cell(self, cell: int) -> str:
-        row, column = self._grid.cells[cell]
-        return f"in cell {cell} [{row}, {column}]"
+        self._moves_to = lru_cache(KEPT)(scenario.map.distances_to)
+        self._home = [self._moves_to(robot.goal) for robot in scenario.robots]
 
     def led(self, cell: int, move: int) -> int:
         """Return the cell to which a move leads."""
         return int(self._grid.next_cell[cell, move])
 
-    def past(self, robot: int, cell: int, door: int) -> bool:
-        """True if a robot has passed a doorway.
+    def _doorway(self, cell: int) -> str:
+        """Return that a cell is a doorway, in words; empty if it is none."""
+        doorways = self._grid.doorways
+        if cell not in doorways:
+            return ""
+        return ", in the doorway" if len(doorways) == 1 else ", in a doorway"
 
-        The doorway is on a shortest way from the robot's start to its cell, and not on a shortest
-        way from there to its goal.
-        """
-        came = self.doorways.is_between(door, cell, self._from[robot])
-        return came and not self.doorways.is_between(door, cell, self._home[robot])
+    def where(self, cell: int) -> str:
+        """Return the position of a robot that asks, in words."""
+        return f"in cell {cell}{self._doorway(cell)}"
 
-    def where(
-        self, robot: int, cell: int, toward: int | None = None
-    ) -> tuple[str, int | None]:
-        """Return a robot's position in words, and the number of the doorway in them.
-
-        This is the doorway in which the robot is. Outside of doorways it is the next one on a
-        shortest way to the goal; of several at the same distance, the one that the robot enters.
-        If no doorway is ahead, it is the closest one; None if no doorway can be reached.
-
-        Args:
-            robot: its number from 0.
-            cell: where it is.
-            toward: the cell to which its move leads.
-        """
-        doorways = self.doorways
-        the = "the doorway" if doorways.count == 1 else "a doorway"
-        if doorways.of[cell] >= 0:
-            return f"in {the}", int(doorways.of[cell])
-        next_ones = doorways.on_the_way(cell, self._home[robot])
-        if (next_ones < NO_WAY).any():
-            away = int(next_ones.min())
-            if away > 1:
-                return f"{away} moves before {the}", int(next_ones.argmin())
-            entered = -1 if toward is None else int(doorways.of[toward])
-            if entered >= 0 and next_ones[entered] == 1:
-                return f"before {the}", entered
-            return f"before {the}", int(next_ones.argmin())
-        ways = doorways.away(cell)
-        if not (ways < NO_WAY).any():
-            return self._cell(cell), None
-        away = int(ways.min())
-        door = int(ways.argmin())
-        if self.past(robot, cell, door):
-            moves = "1 move" if away == 1 else f"{away} moves"
-            return f"{moves} past {the}", door
-        return f"next to {the}" if away == 1 else f"{away} moves from {the}", door
-
-    def seen_from(
-        self, robot: int, cell: int, door: int | None, peer: int, at: int
-    ) -> str:
+    def seen_from(self, cell: int, at: int) -> str:
         """Return a peer's position in words, as seen from a robot.
 
         Args:
-            robot: the robot that asks, from 0.
-            cell: where it is.
-            door: the doorway that the words refer to, as of `where`.
-            peer: the peer.
+            cell: where the robot is that asks.
             at: where the peer is.
         """
         if at == cell:
             return "in the same cell"
-        moves = int(self.doorways.moves_to(cell)[at])
-        if moves >= NO_WAY:
-            return f"{self._cell(at)}, to which there is no way"
+        moves = int(self._moves_to(cell)[at])
         away = f"{moves} moves away"
         if moves == 1:
-            away = f"beside {self.names[robot]}"
-        if door is None:
-            return away
-        if self.doorways.of[at] == door:
-            is_one_cell = len(self.doorways.cells_of[door]) == 1
-            return "in the doorway" if is_one_cell else f"in the doorway, {away}"
-        if self.doorways.of[cell] == door:
-            side = self._ahead(robot, cell, door, at)
-            if side and moves == 1:
-                side = f"right {side}"
-                away = ""
-        elif moves == 1:
-            side = ""
-        else:
-            side = self.doorways.side(door, cell, at)
-        beyond = self._beyond(cell, door, peer, at, side)
-        return ", ".join(part for part in (side, beyond, away) if part)
-
-    def _beyond(self, cell: int, door: int, peer: int, at: int, side: str) -> str:
-        """Return the part of the map of a peer outside of this doorway; may be empty.
-
-        Args:
-            cell: the cell of the robot that asks.
-            door: the doorway that the words refer to.
-            peer: the peer.
-            at: where the peer is.
-            side: the peer's side of that doorway; empty if it was not named.
-        """
-        if self.doorways.of[at] >= 0:
-            return "in another doorway"
-        if side:
-            return "past the doorway" if self.past(peer, at, door) else ""
-        is_beside = self.doorways.moves_to(cell)[at] == 1
-        if not is_beside and self.doorways.behind_another(door, cell, at):
-            return "on the other side of another doorway"
-        return ""
-
-    def _ahead(self, robot: int, cell: int, door: int, at: int) -> str:
-        """Return in words whether a cell is ahead of a robot in a doorway or behind, or ""."""
-        peer_way = self.doorways.leaves_by(door, cell, at)
-        own_way = self.doorways.leaves_by(door, cell, self._goal[robot])
-        if not peer_way or not own_way:
-            return ""
-        if peer_way <= own_way:
-            return f"ahead of {self.names[robot]}"
-        return "" if peer_way & own_way else f"behind {self.names[robot]}"
+            away = "1 move away"
+        if moves < 0:
+            away = "to which there is no way"
+        return f"in cell {at}, {away}{self._doorway(at)}"
 
     def interacting(self, seen: TeamTransition) -> Interacting:
         """Return the interactions of robots in a time step."""
@@ -192,7 +102,7 @@ class Narrator:
     def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
         """Return a sentence: the robots that are together in some cells."""
         place = "the same cell"
-        if self.doorways.of[cells[0]] >= 0:
+        if cells[0] in self._grid.doorways:
             place = "the same doorway"
         if len(set(cells)) > 1:
             place = "doorways at the same time"
@@ -258,36 +168,29 @@ class Narrator:
         to = " to a help place" if self._interactions.posts[after] else ""
         now = self._home[robot][cell]
         then = self._home[robot][after]
-        if now >= NO_WAY or then >= NO_WAY or now == then:
+        if now < 0 or then < 0 or now == then:
             return f"goes {ACTIONS[move]}{to}"
         return f"goes on{to}" if then < now else f"steps back{to}"
 
-    def answer(
-        self, robot: int, cell: int, door: int | None, seen: Sequence[tuple[int, int]]
-    ) -> str:
+    def answer(self, cell: int, seen: Sequence[tuple[int, int]]) -> str:
         """Return other robots' positions in words: of all close ones, or of the closest.
 
         Args:
-            robot: the robot that asks.
-            cell: where it is.
-            door: the doorway that the words refer to, as of `where`.
+            cell: where the robot is that asks.
             seen: number and cell of each other robot, at least one.
         """
-        moves = self.doorways.moves_to(cell)
-        close = [one for one in seen if self._is_close(one[1], door, moves)]
-        if len(seen) > 1 and not close:
-            peer, at = min(seen, key=lambda one: moves[one[1]])
-            said = self.seen_from(robot, cell, door, peer, at)
+        moves = self._moves_to(cell)
+        if len(seen) == 1:
+            told = list(seen)
+        else:
+            told = [one for one in seen if 0 <= moves[one[1]] <= CLOSE]
+        if not told:
+            reached = [one for one in seen if moves[one[1]] >= 0] or seen
+            peer, at = min(reached, key=lambda one: moves[one[1]])
+            said = self.seen_from(cell, at)
             return f"the closest robot, {self.names[peer]}, is {said}"
         return "; ".join(
-            f"{self.names[peer]} is {self.seen_from(robot, cell, door, peer, at)}"
-            for peer, at in (close if len(seen) > 1 else seen)
-        )
-
-    def _is_close(self, at: int, door: int | None, moves: np.ndarray) -> bool:
-        """True if a cell is in a doorway or beside it, or as close to the robot that asks."""
-        return bool(
-            moves[at] <= 1 or (door is not None and at in self.doorways.near[door])
+            f"{self.names[peer]} is {self.seen_from(cell, at)}" for peer, at in told
         )
 
     def question(self, seen: TeamTransition, question: Question) -> str:
@@ -302,12 +205,11 @@ class Narrator:
             ended = "There is no other robot."
         if cell is None:
             return f"{name} asks; its cell is not known. {ended}"
-        place, door = self.where(k, cell, int(self._grid.next_cell[cell, move]))
         if question.outcome == ANSWERED and others and len(others) == len(peers):
-            ended = f"Answer: {self.answer(k, cell, door, others)}."
+            ended = f"Answer: {self.answer(cell, others)}."
         why = "" if after != cell else self._why_it_stays(k, seen, move)
         does = self.does(k, cell, move, after, why)
-        return f"{name} asks {place}. {ended} {name} {does}."
+        return f"{name} asks {self.where(cell)}. {ended} {name} {does}."
 
 
 def failing_in_words(all_arrived: float) -> str:

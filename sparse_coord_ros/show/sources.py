@@ -91,8 +91,8 @@ class OpenedRun:
         recording = self.recording
         self.say(f"reading {self.bag}")
         log = recording.whole([*MOVES, PERCEPT])
-        for loss in log.losses:
-            self.say(f"lost in the bag: {loss}")
+        if log.damage is not None:
+            self.say(log.damage)
         return log
 
     @cached_property

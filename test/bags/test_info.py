@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord info` of bags that were recovered, are being recorded, or hold large files."""
+"""`sparse_coord info` of bags that are being recorded, were cut off, or hold large files."""
 
 import json
 
@@ -10,7 +10,6 @@ from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.contents import Attachment
-from sparse_coord_ros.log.bags.recover import recover
 from sparse_coord_ros.protocol.wire import FORMAT_KEY
 
 STRING = "std_msgs/msg/String"
@@ -38,22 +37,15 @@ def info(tmp_path, capsys):
     return run
 
 
-def test_a_bag_that_is_being_recorded_is_not_to_be_recovered(recording, info):
-    head = info().splitlines()[0]
-    assert "being recorded" in head and "recover" not in head
+def test_a_bag_that_is_being_recorded_or_never_closed(recording, info):
+    assert "being recorded" in info().splitlines()[0]
     assert json.loads(info("--json"))["recording"]
     recording.abandon()
-    assert "unfinished (never closed; 'recover' restores it)" in info().splitlines()[0]
+    head = info().splitlines()[0]
+    assert head.endswith(
+        "it has no end (cut off, or still being written); read to message 1"
+    )
     assert not json.loads(info("--json"))["recording"]
-
-
-def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
-    recording.abandon()
-    assert "recovered from" not in info()
-    recover(tmp_path / "out")
-    assert info().splitlines()[1] == "recovered from a broken bag"
-    told = json.loads(info("--json"))
-    assert told["recovered"] == {"gaps": "[]"}
 
 
 def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):
@@ -61,7 +53,7 @@ def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):
     told = {FORMAT_KEY: str(FORMAT), "seed": odd, f"version_{odd}": odd}
     recording.add_metadata("sparse_coord_ros", told)
     recording.attach(odd, b"", odd)
-    recording.add_topic(f"/b{odd}", STRING, QoS())
+    recording.write(recording.add_topic(f"/b{odd}", STRING, QoS()), b"", 2, 2)
     recording.close()
     lines = info().split("\n")
     assert [
@@ -78,7 +70,7 @@ def test_attachments_are_measured_without_being_read(recording, info, monkeypatc
     ]
 
 
-@pytest.mark.parametrize("verb", ["info", "verify", "explain", "replay", "recover"])
+@pytest.mark.parametrize("verb", ["info", "verify", "explain", "replay"])
 def test_an_empty_name_is_not_this_directory(verb, capsys):
     """For example from an unset shell variable."""
     with pytest.raises(SystemExit) as ended:

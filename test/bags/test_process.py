@@ -60,7 +60,7 @@ def test_a_writer_that_does_not_start_is_not_said_to_leave_a_bag(
     monkeypatch.setattr(sys, "executable", program)
     with pytest.raises(BagError, match=re.escape(words)) as caught:
         BagProcess(tmp_path / "run")
-    assert "recover" not in str(caught.value)
+    assert "it is read up to there" not in str(caught.value)
     assert not (tmp_path / "run").exists()
 
 
@@ -78,10 +78,10 @@ def test_a_bag_is_continued_in_its_next_file(tmp_path, samples):
         writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
         writer.close()
     bag = open_bag(tmp_path / "run")
-    assert len(bag.files) == 2 and [one.sequence for one in bag.messages()] == [0, 1]
+    assert len(bag.files) == 2 and bag.message_count == 2
 
 
-def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples, started):
+def test_a_writer_that_is_killed_leaves_a_bag_to_read(tmp_path, samples, started):
     writer = BagProcess(tmp_path / "run")
     channel = writer.add_topic("/a", STRING, QoS())
     writer.write(channel, samples.cdr(STRING), 1, 1)
@@ -89,7 +89,7 @@ def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples, star
     writer.add_topic("/b", STRING, QoS())  # answered: all earlier messages are written
     started.process.kill()
     with pytest.raises(
-        BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' repairs"
+        BagError, match="has ended; .* unfinished: it is read up to there"
     ):
         writer.add_topic("/c", STRING, QoS())
     with pytest.raises(BagError, match="has ended"):

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""No verb imports a module beside a stranger's file that it opens."""
+"""No verb imports a module beside a file of others that it opens."""
 
 import os
 import sys
@@ -23,7 +23,7 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 NAMED = ("coop", "theirs:Team")
 REFUSED = "refused"
 NOTHING = "nothing is missing"
-PERCEPTS = "percepts and answers"
+PERCEPTS = "percepts"
 ACTIONS = "actions and tables"
 EPISODES = "greedy episodes"
 THEIR_RESULT = "results of theirs:Team"
@@ -49,16 +49,15 @@ VERBS = {
     "verify BAG": (ACTIONS, PERCEPTS),
     "explain BAG": (WHY, NOTHING),
     "info BAG": (NOTHING, NOTHING),
-    "recover BAG": (NOTHING, NOTHING),
     "tables BAG": (NOTHING, NOTHING),
     "tables BAG --step 0 --out OUT": (NOTHING, NOTHING),
 }
-"""What each verb leaves out of a foreign run with a foreign learner, with a foreign model."""
+"""What each verb leaves out of a run of others with their learner, with their model."""
 
 
 @pytest.fixture(scope="module")
 def sent(tmp_path_factory):
-    """Return a stranger's folder: runs, bags, results, a scenario; and their module."""
+    """Return a folder of others: runs, bags, results, a scenario; and their module."""
     from recordings import recorded
 
     folder = tmp_path_factory.mktemp("sent")
@@ -102,7 +101,7 @@ def here(sent, monkeypatch):
 
 
 def words_of(command, name, out):
-    """Return a command of `VERBS` for the run with the foreign learner, or model."""
+    """Return a command of `VERBS` for the run with their learner, or model."""
     resumed = f"{name}_unfinished"
     if command.startswith("run --resume"):  # of a team of nodes
         resumed = str(out / "unfinished")

@@ -243,7 +243,7 @@ LONG_VERBS = (
     ),
 )
 NEEDS_A_BAG = (
-    *("watch", "info", "verify", "explain", "replay", "recover"),
+    *("watch", "info", "verify", "explain", "replay"),
     *("plot", "animate", "tables"),
 )
 

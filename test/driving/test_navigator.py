@@ -14,7 +14,6 @@ from sparse_coord_ros.lab.driving.navigator import (
     SETTLE_SECONDS,
     SILENCE_SECONDS,
     Navigator,
-    NavLimits,
 )
 from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
@@ -23,7 +22,8 @@ CELLS = RUN.scenario.map.number
 START = CELLS[0, 0]
 END = CELLS[1, 0]
 GROUND = MetricMap(RUN)
-LIMITS = NavLimits(near=0.1, seconds=10.0)
+NEAR = 0.1
+SECONDS = 10.0
 
 
 class Server:
@@ -36,7 +36,7 @@ class Server:
         self.all = 0
         self.there = True
         self.now = 100.0
-        self.navigator = Navigator(GROUND, LIMITS, 0, self)
+        self.navigator = Navigator(GROUND, NEAR, SECONDS, 0, self)
 
     def send(self, ticket, target):
         if self.there:
@@ -176,7 +176,7 @@ def test_a_rejected_goal_is_sent_again_with_backoff_until_time_is_over():
         times.append(server.now)
     gaps = [b - a for a, b in zip(times, times[1:-1], strict=False)]
     assert gaps == sorted(gaps) and gaps[0] < 0.5 and len(gaps) >= 4
-    assert server.now - times[0] == pytest.approx(LIMITS.seconds, abs=0.3)
+    assert server.now - times[0] == pytest.approx(SECONDS, abs=0.3)
     assert reached.cell == START and not reached.there and server.navigator.clear
 
 
@@ -338,7 +338,7 @@ def test_while_it_is_held_the_time_of_a_move_does_not_pass(server):
     server.navigator.held = True
     server.pose(START)
     server.tell("ended", "canceled", "")
-    assert server.wait(3 * LIMITS.seconds) is None
+    assert server.wait(3 * SECONDS) is None
     server.navigator.held = False
     server.pose(START)
     server.wait(1.5)

@@ -124,7 +124,7 @@ def test_team_in_one_process(tmp_path, played, assert_same_tables, learner):
     assert (out / "bag" / "metadata.yaml").exists() == how["record"]
     if how["record"]:
         found = verify(out / "bag")
-        assert found.same, found.differences
+        assert found.same, found.first
         assert percepts_in(out / "bag", namespace, load_run(out)) == {
             key: (own, *(perceived or ()))
             for key, (own, perceived) in said.percepts.items()

@@ -365,19 +365,6 @@ def test_no_goal_is_sent_before_one_of_two_servers_is_gone(
     assert process.running()
 
 
-def test_two_servers_that_stay_are_refused_by_name(
-    start_team, serve_twice, start_driver, bench
-):
-    serve_twice("robot_2")
-    world, _, server = start_team(driven=ROBOTS[:1])
-    process = start_driver("robot_2")
-    bench.spin_until(lambda: not process.running(), "it ends")
-    assert process.exit_code() == 2
-    what = "error: node robot_2_driver: Nav2's action /robot_2/navigate_to_pose has 2 servers, "
-    assert what + NAMES in process.output
-    assert server.bases["robot_2"].goals == 0 and world.doing == "waiting"
-
-
 def test_a_second_server_that_appears_later_is_reported_and_nothing_crashes(
     start_team, serve_twice, start_driver, bench
 ):

@@ -79,7 +79,7 @@ def test_diagnostics_of_other_namespaces_are_not_recorded(
 
 
 def test_who_talks_on_keeps_no_recorder(recording):
-    """A foreign node on a topic of the team; late messages in a busy moment still count."""
+    """Another node on a topic of the team; late messages in a busy moment still count."""
     node = recording()
     node.count_publishers = lambda name: 1  # the last words are still to come
     say(node, RunState.STOPPED, 7, 7)

@@ -9,16 +9,13 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from teams import tables_in
 
-from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.game.world import Reward
-from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import row_in_words
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics, team, watch
-from sparse_coord_ros.ros.nodes.messages import Converter, tables_message
+from sparse_coord_ros.ros.nodes.messages import tables_message
 from sparse_coord_ros.ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.show.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.show.page.live_source import LiveView
@@ -39,18 +36,6 @@ def heard_of(run):
             takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
     return HeardTeam(SimpleNamespace(subscriber=Listening()), run, view), takes, view
-
-
-def test_what_a_stranger_says_of_far_time_steps_is_forgotten(monkeypatch):
-    monkeypatch.setattr(watch, "MOST_STEPS_HEARD", 50)
-    run = make_run(load_scenario("env1"), {})
-    team_heard, heard, _ = heard_of(run)
-    for step in range(1000, 1200):
-        heard["/robot_1/reward"](
-            Converter(run).pack_reward(step, Reward(0.0, 0.0, 0.0, 0.0))
-        )
-        assert len(team_heard.pending) <= 50
-    assert not team_heard.whole
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])

@@ -42,7 +42,7 @@ def logged(record):
 def test_verified(logged, robots):
     one = logged[robots]
     found = verify(one.bag)
-    assert found.same, found.differences
+    assert found.same, found.first
     learned = learn(one.run.scenario, "factored", one.run.seed)
     assert any(len(tables.memory["rho_keys"]) for tables in learned)
     log = read_run(one.bag)

@@ -88,7 +88,7 @@ def test_arrays_are_what_the_simulation_says(run):
     assert len(outcomes) == 3 and min(outcomes.values()) > 5
     final = [log.tables[k, world.step] for k in robots]
     assert tables_equal(final, [agent.tables for agent in agents])
-    assert log.losses == [] and log.problems == ()
+    assert log.damage is None and log.problems == () and log.whole
 
 
 def test_every_request_is_there_with_its_times(run):
@@ -99,8 +99,6 @@ def test_every_request_is_there_with_its_times(run):
     )
     assert len({(r.asker, r.step) for r in log.requests}) == asks == log.asked.sum()
     for request in log.requests:
-        assert sorted(request.wall_ns) == [0, 1, 2, 3]
-        assert list(request.wall_ns.values()) == sorted(request.wall_ns.values())
         assert 0 < request.seconds < 0.1
 
 
@@ -145,12 +143,10 @@ def test_a_history_counts_whole_transitions_only(run):
     half = log.between(first, first + length // 2).history()
     assert half.length.tolist() == [length // 2]
     kept = np.ones(len(log.step), dtype=bool)
-    kept[3:6] = (
-        False  # nobody recorded these: the transition before them has no end either
-    )
+    kept[3:6] = False  # nobody recorded these: the length of their episode is unknown
     arrays = vars(log)
     rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray)}
-    assert log.with_changes(**rows).history().length[0] == length - 4
+    assert log.with_changes(**rows).history().first_step[0] == whole.first_step[1]
     row, k = np.argwhere(log.asked & ~np.isnan(log.reward[..., -1]))[0]
     rewards = log.rewards.copy()
     rewards[row, k] = np.nan  # the world went on without the robot

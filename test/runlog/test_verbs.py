@@ -11,7 +11,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.world import Reward
 from sparse_coord_ros.log.bags.reader import open_bag
-from sparse_coord_ros.log.runlog import Difference, Unknown, read_run
+from sparse_coord_ros.log.runlog import Difference, Undecided, read_run
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.protocol.wire.messages import REWARD_FORM
 from sparse_coord_ros.ros.nodes.messages import Converter
@@ -56,12 +56,10 @@ def changed(good, rewritten, tmp_path):
             "time step 3, robot_1, reward: logged 1, computed 2",
         ),
         (
-            Difference(None, None, "topic run", "twice", "once"),
-            "topic run: logged twice, computed once",
+            Difference(3, None, "local_state", "there", "none"),
+            "time step 3, local_state: logged there, computed none",
         ),
-        (Unknown(4, None, "why"), "from time step 4 on: why"),
-        (Unknown(4, 9, "why"), "from time step 4 to time step 9: why"),
-        (Unknown(4, 4, "why"), "at time step 4: why"),
+        (Undecided(4, "why"), "from time step 4 on: why"),
     ],
 )
 def test_what_is_found_in_words(found, words):
@@ -73,11 +71,9 @@ def test_verify_identical(sparse_coord, good):
     assert (code, err) == (0, "")
     assert "env1, coop, seed 7, 2 robots\ncomputed again: 250 steps" in out
     *_, same, beside = out.splitlines()
-    assert same.startswith("identical: ") and beside.startswith(
-        "not compared: diagnostics, "
-    )
+    assert same.startswith("identical: ") and beside.startswith("not compared: map, ")
     told = json.loads(sparse_coord("verify", good.bag, "--json")[1])
-    assert told["identical"] and told["differences"] == [] and told["steps"] == 250
+    assert told["identical"] and told["difference"] is None and told["steps"] == 250
 
 
 def test_verify_differs(sparse_coord, changed):
@@ -88,7 +84,7 @@ def test_verify_differs(sparse_coord, changed):
     assert ", computed " in line
     assert "identical" not in out
     code, out, _ = sparse_coord("verify", changed, "--json")
-    first = json.loads(out)["differences"][0]
+    first = json.loads(out)["difference"]
     assert (code, first["step"], first["robot"], first["quantity"]) == (
         1,
         1,
@@ -112,10 +108,11 @@ def test_damage_is_said(sparse_coord, good, tmp_path):
     (tmp_path / "bad_0.mcap").write_bytes(data)
     code, out, _ = sparse_coord("verify", tmp_path / "bad_0.mcap")
     assert code == 3
-    assert "lost: bad_0.mcap, bytes " in out and "differs" not in out
+    assert "damaged at byte " in out and "differs" not in out
+    assert "pymcap-cli recover" in out and "\nundecided from time step " in out
     code, out, _ = sparse_coord("info", tmp_path / "bad_0.mcap")
     assert code == 0
-    assert "damaged: byte " in out
+    assert "damaged at byte " in out and "; read to message " in out
 
 
 def test_info(sparse_coord, good):
@@ -203,8 +200,8 @@ def test_explain_finds_the_next_one(sparse_coord, good):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--step", "soon"], "'soon', allowed: a whole number from 0"),
-        (["--step", "9" * 5000], "allowed: a whole number from 0"),
+        (["--step", "soon"], "'soon', allowed: a whole number of at least 0"),
+        (["--step", "9" * 5000], "allowed: a whole number of at least 0"),
         (["--robot", "robot_3"], "no such robot (did you mean 'robot_"),
     ],
 )

@@ -10,7 +10,7 @@ its end; it cancels a goal that is no longer needed first.
 import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.mover import GoalState, Mover
@@ -32,18 +32,6 @@ DETOUR = 3.0
 
 ANSWER_SECONDS = 2.0
 """Longest wait for the server's answer to a goal, and to its cancelling."""
-
-
-class NavLimits(NamedTuple):
-    """Limits of the requests to the server.
-
-    Attributes:
-        near: metres from a place within which the body has arrived, with any result of the server.
-        seconds: longest time of a move.
-    """
-
-    near: float
-    seconds: float
 
 
 class NavPort(Protocol):
@@ -89,7 +77,8 @@ class Navigator(Mover):
 
     Args:
         metric_map: the floor.
-        limits: limits of the requests.
+        near: metres from a place within which the body has arrived, with any result of the server.
+        seconds: longest time of a move.
         robot: the robot, from 0.
         port: the connection to the server.
 
@@ -99,10 +88,16 @@ class Navigator(Mover):
     """
 
     def __init__(
-        self, metric_map: MetricMap, limits: NavLimits, robot: int, port: NavPort
+        self,
+        metric_map: MetricMap,
+        near: float,
+        seconds: float,
+        robot: int,
+        port: NavPort,
     ) -> None:
         super().__init__(metric_map, robot)
-        self._limits = limits
+        self._near = near
+        self._seconds = seconds
         self._port = port
         self._sent: _Sent | None = None
         self._tickets = self._number = self._tries = 0
@@ -247,7 +242,7 @@ class Navigator(Mover):
 
     def _give_up_in_time(self, state: GoalState, now: float) -> None:
         """Give up a move that has lasted too long."""
-        limit = self._limits.seconds
+        limit = self._seconds
         if not state.goals.place and now - self._taken >= limit:
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
@@ -256,7 +251,7 @@ class Navigator(Mover):
         """Return the end of the goal if the body is there, regardless of the server; else None."""
         if state.goals.place:
             return self._placed(state)
-        near = distance(state.pose, state.target) <= self._limits.near
+        near = distance(state.pose, state.target) <= self._near
         return self._end(state, there=True) if near else None
 
     def _settles(

@@ -18,7 +18,6 @@ from sparse_coord_ros.base.files import (
     take_lock,
     write_whole,
 )
-from sparse_coord_ros.base.limits import open_regular
 
 failing = partial(retold, BagError, OSError)
 """Turns an OSError into a BagError."""
@@ -29,7 +28,7 @@ class OutputFile:
 
     It is unbuffered: the operating system has the written bytes, and they survive the process. The
     first failure is final; the file then ends with the last whole record. Until it is closed the
-    file is locked, so that `recover` refuses it.
+    file is locked, so that others know that it is being recorded.
 
     Attributes:
         path: the file; its name ends with `.partial` until `finish`, which puts it into another
@@ -68,8 +67,8 @@ class OutputFile:
         except OSError as error:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
-                "recording ends there, unfinished: make room or choose another directory, and "
-                "repair the bag with sparse_coord recover"
+                "recording ends there, unfinished, and is read up to there: make room or choose "
+                "another directory; 'pymcap-cli recover' gives the file an end"
             )
             with contextlib.suppress(OSError):
                 self._file.truncate(begin)
@@ -141,9 +140,9 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
 
 
 def open_to_read(path: Path) -> BinaryIO:
-    """Open a file; raises BagError if it is missing, or a pipe or a device."""
+    """Open a file; raises BagError if it cannot be read."""
     with failing(f"cannot read {path}"):
-        return open_regular(path)
+        return path.open("rb")
 
 
 def being_recorded(path: Path) -> bool:

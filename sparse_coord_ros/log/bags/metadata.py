@@ -9,33 +9,20 @@ bag file without its directory can still be read.
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import yaml
 
-from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.base.files import read_text
-from sparse_coord_ros.base.yaml_text import Dumper, parse_yaml
+from sparse_coord_ros.base.yaml_text import Dumper
 from sparse_coord_ros.log.bags.records import LATEST_NS
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 
 METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"
-RECOVERED_RECORD = "recovered"
-"""Name of the metadata record of a file that `recover` made of a damaged one."""
 CONTINUED_RECORD = "continued"
-"""Name of the metadata record of every file of a bag but the first: `why` it begins (see
-`SPLIT`, `RESTARTED`, `ROLLED_BACK`); after a return to a checkpoint also `step`, the checkpoint,
-and `first`, the time step of the first local state after it."""
-STALLED_RECORD = "stalled"
-"""Name of the metadata record of a recorder that was stopped: `step`, the first time step whose
-messages may be lost, and `seconds`, the length of the pause."""
-SPLIT = "split"
-RESTARTED = "restarted"
-ROLLED_BACK = "rolled_back"
-"""Why a file begins: the one before was big or long enough; the recorder was started again; the
-run went back to a checkpoint, which supersedes later messages of the files before."""
+"""Name of the metadata record of every file of a bag but the first, a further segment. Its `step`
+is the checkpoint from which the run goes on there, which supersedes all later messages of the
+files before; without `step` it supersedes none."""
 
 
 @dataclass(frozen=True)
@@ -167,24 +154,3 @@ def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
 def metadata_yaml(information: Mapping[str, Any]) -> str:
     """Return the text of `metadata.yaml` for a bag's information, without a final newline."""
     return yaml_text({"rosbag2_bagfile_information": dict(information)})
-
-
-def told_files(directory: Path) -> list[str]:
-    """Return the files in `metadata.yaml`, and in an older one that `recover` has kept."""
-    told = map(read_information, directory.glob(f"{METADATA_FILE}*"))
-    lists = [
-        names
-        for one in told
-        if isinstance(names := one.get("relative_file_paths"), list)
-    ]
-    return [name for names in lists for name in names if isinstance(name, str)]
-
-
-def read_information(path: Path) -> Mapping[str, Any]:
-    """Return the content of a `metadata.yaml`; empty if it is missing or unreadable."""
-    try:
-        text = read_text(path, SparseCoordError, "")
-        found = parse_yaml(text, where="").get("rosbag2_bagfile_information")
-    except SparseCoordError:
-        return {}
-    return found if isinstance(found, dict) else {}

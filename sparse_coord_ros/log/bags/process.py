@@ -85,9 +85,9 @@ class BagProcess:
         """As `BagWriter.add_topic`."""
         return self._call("add_topic", topic, type_name, qos)
 
-    def begin_file(self, why: dict[str, str]) -> None:
+    def begin_file(self, says: dict[str, str]) -> None:
         """As `BagWriter.begin_file`."""
-        self._call("begin_file", why)
+        self._call("begin_file", says)
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """As `BagWriter.add_metadata`."""
@@ -163,7 +163,7 @@ class BagProcess:
     def _fail(self, error: OSError | EOFError) -> NoReturn:
         """Raise BagError: the child hangs, or has ended."""
         what = "has ended"
-        remedy = "'sparse_coord recover' repairs it"
+        remedy = "it is read up to there"
         so = "; the recording ends there, unfinished"
         if not self._begun:
             so = " before it had begun it; nothing is recorded"

@@ -1,11 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bag reader: finished, unfinished and damaged bags, without ROS."""
+"""The bag reader: finished and unfinished bags, damaged ones up to there; without ROS."""
 
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,15 +13,16 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError, check_format
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD
 from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
-from sparse_coord_ros.log.bags.gaps import Gap
-from sparse_coord_ros.log.bags.layout import PARTIAL
-from sparse_coord_ros.log.bags.metadata import told_files
+from sparse_coord_ros.log.bags.layout import PARTIAL, being_recorded, failing
 from sparse_coord_ros.log.bags.records import MESSAGE
 from sparse_coord_ros.log.bags.topics import BagTopic
 from sparse_coord_ros.protocol.wire import CLOCK, FORMAT_KEY
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
+
+RESCUE = "'pymcap-cli recover' (pip install pymcap-cli)"
+"""What makes a whole bag of the readable parts of a damaged one."""
 
 
 class Message(NamedTuple):
@@ -33,7 +33,7 @@ class Message(NamedTuple):
         data: the serialised message with its CDR header.
         log_time_ns: time of reception.
         publish_time_ns: time of publication.
-        sequence: its place in its channel; `BagWriter` counts from 0.
+        sequence: its place in its channel; `BagWriter` counts from 0 in each file.
     """
 
     topic: str
@@ -49,11 +49,9 @@ class Bag:
     Args:
         files: its files in their order.
         blocks: for each file, the blocks to read; None: all.
-        missing: the missing files.
 
     Attributes:
         files: its files.
-        missing: as given.
         path: the file; for several files their directory.
         part: whether only some blocks of its files are read.
 
@@ -65,11 +63,9 @@ class Bag:
         self,
         files: Sequence[BagFile],
         blocks: Sequence[Sequence[Block]] | None = None,
-        missing: Sequence[Gap] = (),
     ) -> None:
         self.files = tuple(files)
         self._blocks = blocks
-        self.missing = tuple(missing)
         self.path = files[0].path if len(files) == 1 else files[0].path.parent
         self.part = blocks is not None
         topics: dict[str, BagTopic] = {}
@@ -88,56 +84,32 @@ class Bag:
     @property
     def finished(self) -> bool:
         """True if its recorder closed its last file."""
-        return all(file.finished for file in self.files)
-
-    @property
-    def gaps(self) -> tuple[Gap, ...]:
-        """The gaps found so far, file by file.
-
-        In a bag that is not checked, reading messages may find more.
-        """
-        inside = [
-            gap._replace(place=n)
-            for n, file in enumerate(self.files)
-            for gap in file.gaps
-        ]
-        found = []
-        for gap in sorted([*self.missing, *inside], key=lambda one: one.place):
-            behind = self.files[gap.place + bool(gap.end) :]
-            ends = [
-                file.blocks[-1].end_ns
-                for file in self.files[: gap.place]
-                if file.blocks
-            ]
-            starts = [file.blocks[0].start_ns for file in behind if file.blocks]
-            first_ns = ends[-1] if gap.first_ns is None and ends else gap.first_ns
-            last_ns = starts[0] if gap.last_ns is None and starts else gap.last_ns
-            found.append(gap._replace(first_ns=first_ns, last_ns=last_ns))
-        return tuple(found)
+        return self.files[-1].finished
 
     @property
     def damage(self) -> str | None:
-        """The first missing file, or the first damage with its place; None: there is neither.
+        """The first damage that reading has found, with its place; None: there is none.
 
         A bag that is only unfinished is not damaged.
         """
-        for gap in self.missing:
-            return f"{gap.file} {gap.why}"
         for file in self.files:
             if file.damage is not None:
                 several = len(self.files) > 1
                 return f"{file.path.name}: {file.damage}" if several else file.damage
         return None
 
-    @property
-    def whole(self) -> bool:
-        """True if every record of the data was read; the end of a file may be damaged."""
-        return not self.missing and all(file.whole for file in self.files)
+    def ends_early(self, read_to: str) -> str | None:
+        """Return in one line that the bag is damaged, or has no end; None: neither.
 
-    @property
-    def lost_bytes(self) -> int:
-        """Number of bytes in gaps, without gaps that `recover` has left out."""
-        return sum(gap.end - gap.begin for gap in self.gaps if not gap.recovered)
+        Args:
+            read_to: how far it was read, such as `time step 30`.
+        """
+        if self.damage is not None:
+            why = f"damaged at {self.damage}"
+            return f"{why}; read to {read_to}, for the rest: {RESCUE}"
+        if not self.finished:
+            return f"it has no end (cut off, or still being written); read to {read_to}"
+        return None
 
     @property
     def topics(self) -> dict[str, BagTopic]:
@@ -233,11 +205,6 @@ class Bag:
         """The texts of the first metadata record of each name."""
         return dict(reversed(self.metadata_records))
 
-    @property
-    def recovered(self) -> Mapping[str, str] | None:
-        """The note of `recover`, if it made the last file of a damaged one; else None."""
-        return self.files[-1].recovered
-
     def between(self, first_ns: int, last_ns: int) -> "Bag":
         """Return the blocks with messages of some log times, as a bag."""
 
@@ -247,7 +214,6 @@ class Bag:
         return Bag(
             self.files,
             [list(filter(inside, each)) for each in self.blocks],
-            self.missing,
         )
 
     def extend(self) -> bool:
@@ -260,7 +226,7 @@ class Bag:
             file.close()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
-        """Yield the messages outside of gaps, in the order of the file.
+        """Yield the messages up to the first damage, in the order of the file.
 
         Args:
             topics: names of the topics to yield; None: all.
@@ -292,7 +258,7 @@ class Bag:
                 )
 
     def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
-        """Yield the messages outside of gaps, many together, with the bag's channels.
+        """Yield the messages up to the first damage, many together, with the bag's channels.
 
         Args:
             files: numbers (from 0) of the files to read; None: all.
@@ -317,8 +283,8 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
     Args:
         path: a bag's directory, that of a run with a `bag` in it, an `.mcap` or an
             `.mcap.partial` file.
-        checked: read all of it once, check every byte and count the messages; else only find the
-            places of records, see `BagFile`.
+        checked: read all of it once, and count the messages; else only find the places of
+            records, see `BagFile`.
 
     Returns:
         The bag; if it is damaged, as far as it can be read.
@@ -328,25 +294,42 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
             parts of one bag, or a file does not begin as MCAP, contains messages that are not of
             ROS 2, or a run in another format than this version's.
     """
-    files = bag_files(Path(path))
-    missing = list(_missing(files)) if Path(path).is_dir() else []
-    return Bag([BagFile(file, checked=checked) for file in files], missing=missing)
+    return Bag([BagFile(file, checked=checked) for file in bag_files(Path(path))])
 
 
-def _missing(files: Sequence[Path]) -> Iterator[Gap]:
-    """Yield the missing files of a bag, by the numbers of the others and `metadata.yaml`."""
-    stem, last = stem_and_number(files[-1])
-    told = [stem_and_number(Path(name))[1] for name in told_files(files[0].parent)]
-    numbers = [
-        -1,
-        *(stem_and_number(file)[1] for file in files),
-        max([last, *told]) + 1,
-    ]
-    for place, (before, behind) in enumerate(pairwise(numbers)):
-        names = [f"{stem}_{number}.mcap" for number in sorted({before + 1, behind - 1})]
-        if behind - before > 1:
-            why = "is missing" if len(names) == 1 else "are missing"
-            yield Gap(0, 0, why, None, None, " to ".join(names), place)
+def continued(directory: Path) -> Bag | None:
+    """Open the bag in a directory that a recorder will continue with a further file.
+
+    Files of a recorder that was killed before it had written anything are removed.
+
+    Returns:
+        None if there is none: no directory, or an empty one, which is removed.
+
+    Raises:
+        BagError: the bag is being recorded, or cannot be read.
+    """
+    if not directory.is_dir():
+        return None
+    with failing(f"cannot continue {directory}"):
+        files = bag_files(directory) if any(directory.iterdir()) else []
+        for file in files:
+            if being_recorded(file):
+                raise BagError(f"{file} is being recorded: stop its recorder first")
+        while files and not _begun(files[-1]):
+            files.pop().unlink()
+        if not files:
+            directory.rmdir()
+            return None
+    return open_bag(directory)
+
+
+def _begun(file: Path) -> bool:
+    """Return whether a file of a bag contains anything."""
+    if file.stat().st_size == 0:
+        return False
+    bag = open_bag(file, checked=False)
+    bag.close()
+    return bool(bag.topics or bag.attachments or bag.metadata)
 
 
 _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")

@@ -3,26 +3,20 @@
 """Reads MCAP records from bytes that may be damaged; raises `Damage` with the place."""
 
 import os
-import re
 import struct
 import weakref
-import zlib
-from collections.abc import Iterator
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import lz4.frame
 import numpy as np
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Chunk
+from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
-from sparse_coord_ros.base.errors import BagError, retold
-from sparse_coord_ros.base.limits import CHUNK, RECORD
+from sparse_coord_ros.base.errors import BagError, message_of, retold
 from sparse_coord_ros.log.bags.layout import open_to_read
 from sparse_coord_ros.protocol.wire.cdr import rows_at
 
@@ -46,10 +40,6 @@ LATEST_NS = 2**63 - 1
 """rosbag2 stores times as signed 64 bit nanoseconds."""
 
 _NAMES = {int(opcode): opcode.name.lower().replace("_", " ") for opcode in Opcode}
-_BEGIN = re.compile(b"(?=[%s]....\0{4})" % re.escape(bytes(_NAMES)), re.DOTALL)
-"""A record's opcode and length, which is below 2**32."""
-_WINDOW = 1 << 12
-"""Bytes that are searched at a time."""
 
 
 class Damage(Exception):  # noqa: N818
@@ -58,7 +48,6 @@ class Damage(Exception):  # noqa: N818
     def __init__(self, offset: int, problem: str) -> None:
         """Make it from the offset in the file and the problem."""
         super().__init__(f"byte {offset}: {problem}")
-        self.problem = problem
 
 
 class Cut(Damage):
@@ -123,46 +112,22 @@ class Source:
             raise Damage(offset + len(data), "the file has become shorter")
         return data
 
-    def head(self, offset: int, size: int) -> RecordPlace:
-        """Return the place of the record at an offset; its body may end beyond `size` bytes.
+    def record(self, offset: int, size: int) -> RecordPlace:
+        """Return the place of the record at an offset, of the first `size` bytes of the file.
 
         Raises:
-            Damage: its length is implausible, or its head cannot be read.
+            Cut: it does not end within these bytes.
+            Damage: its head cannot be read.
         """
         if size - offset < HEAD.size:
-            left = size - offset
-            raise Cut(
-                offset, f"the file ends within a record, of which {left} bytes are left"
-            )
+            raise Cut(offset, "the file ends within a record")
         opcode, length = HEAD.unpack(self.read(offset, HEAD.size))
-        if length > RECORD.bytes:
-            raise Damage(
-                offset, f"{describe(opcode)} of {length} bytes, which is implausible"
-            )
-        return RecordPlace(opcode, offset, length)
-
-    def record(self, offset: int, size: int) -> RecordPlace:
-        """Return the record at an offset; raises Damage unless it ends within `size` bytes."""
-        record = self.head(offset, size)
+        record = RecordPlace(opcode, offset, length)
         if record.end > size:
-            said = f"{describe(record.opcode)} of {record.length} bytes"
-            left = size - record.body
-            raise Cut(offset, f"{said}, of which {left} are in the file")
+            raise Cut(
+                offset, f"{describe(opcode)} of {length} bytes ends beyond the file"
+            )
         return record
-
-    def places(self, begin: int, end: int) -> Iterator[int]:
-        """Yield the places from `begin` on with a known opcode and a plausible length."""
-        place = begin
-        while place < end:
-            try:
-                # there may be holes
-                place = os.lseek(self._descriptor, place, os.SEEK_DATA)
-            except OSError:
-                return
-            with suppress(Damage):  # unreadable records are skipped
-                data = self.read(place, min(_WINDOW + HEAD.size - 1, end - place))
-                yield from (place + match.start() for match in _BEGIN.finditer(data))
-            place += _WINDOW
 
 
 def describe(opcode: int) -> str:
@@ -185,7 +150,7 @@ class _Exact(ReadDataStream):
 
 
 def parse(kind: Any, body: bytes, offset: int) -> Any:
-    """Return a record of one of mcap's classes from exactly these bytes.
+    """Return a record of one of mcap's classes.
 
     Args:
         kind: a class of `mcap.records` whose `read` needs only a stream.
@@ -193,65 +158,31 @@ def parse(kind: Any, body: bytes, offset: int) -> Any:
         offset: the record's offset in the file, for the error.
 
     Raises:
-        Damage: the fields do not fill the bytes, or a text is not UTF-8.
+        Damage: the fields do not fit into the bytes, or a text is not UTF-8.
     """
-    stream = _Exact(BytesIO(body))
-    what = f"a {kind.__name__} record"
     try:
-        record = kind.read(stream)
+        return kind.read(_Exact(BytesIO(body)))
     except (EndOfFile, OverflowError, UnicodeDecodeError) as error:
-        raise Damage(offset, f"{what} whose fields do not fit into it") from error
-    if more := len(body) - stream.count:
-        raise Damage(offset, f"{what} with {more} bytes too many")
-    return record
+        what = f"a {kind.__name__} record whose fields do not fit into it"
+        raise Damage(offset, what) from error
 
 
-def check_crc(
-    expected: int, found: int, offset: int, what: str, *, required: bool
-) -> None:
-    """Raise Damage if a stored checksum is wrong; 0 means no checksum, unless required."""
-    if expected != found and (expected or required):
-        raise Damage(
-            offset, f"the checksum of {what} is {found:#010x}, not {expected:#010x}"
-        )
+def chunk_content(chunk: Chunk, offset: int) -> bytes:
+    """Return a chunk's records, decompressed; raises Damage.
 
-
-def chunk_content(chunk: Chunk, offset: int, *, crc_required: bool) -> bytes:
-    """Return a chunk's records, decompressed up to the size that it states; raises Damage."""
-    size = chunk.uncompressed_size
-    if size > CHUNK.bytes:
-        raise Damage(offset, f"a chunk of {size} bytes, allowed: {CHUNK.bytes}")
+    A checksum of 0 means that there is none.
+    """
     try:
-        if chunk.compression == "":
-            content = chunk.data
-        elif chunk.compression == "zstd":
-            # The frame itself states a size, and the library would allocate this memory.
-            if zstandard.frame_content_size(chunk.data) not in (-1, size):
-                raise ValueError
-            unpack = zstandard.ZstdDecompressor().decompress
-            content = unpack(chunk.data, max_output_size=max(size, 1))
-        elif chunk.compression == "lz4":
-            content = lz4.frame.LZ4FrameDecompressor().decompress(
-                chunk.data, max_length=size + 1
-            )
-        else:
-            raise Damage(
-                offset, f"a chunk of unknown compression {chunk.compression!r:.40}"
-            )
-    except (
-        zstandard.ZstdError,
-        RuntimeError,
-        ValueError,
-        EOFError,
-        MemoryError,
-    ) as error:
-        raise Damage(
-            offset, f"a chunk that {chunk.compression} cannot decompress"
-        ) from error
-    if len(content) != size:
-        raise Damage(offset, f"a chunk of {len(content)} bytes that should be {size}")
-    crc = zlib.crc32(content)
-    check_crc(chunk.uncompressed_crc, crc, offset, "the chunk", required=crc_required)
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    except CRCValidationError as error:
+        raise Damage(offset, "the checksum of a chunk is wrong") from error
+    except Exception as error:  # of the libraries that decompress
+        why = f"a chunk that cannot be decompressed ({message_of(error)})"
+        raise Damage(offset, why) from error
+    content: bytes = stream.read(size)
+    if size != chunk.uncompressed_size:
+        due = chunk.uncompressed_size
+        raise Damage(offset, f"a chunk of {size} bytes that should be {due}")
     return content
 
 
@@ -283,10 +214,7 @@ def message_heads(
     length_at = LENGTH.unpack_from
     while place <= size - HEAD.size:
         append(place)
-        length = length_at(content, place + 1)[0]
-        if not length:
-            raise Damage(offset, "an empty record in a chunk")
-        place += HEAD.size + length
+        place += HEAD.size + length_at(content, place + 1)[0]
     begins = np.array(places, dtype=np.int64)
     at = np.searchsorted(begins, starts)
     if place != size or at[-1] == len(begins) or (begins[at] != starts).any():

@@ -60,14 +60,13 @@ class QoS:
 def profiles_from_text(text: str) -> tuple[QoS, ...]:
     """Return the profiles of a channel's `offered_qos_profiles`, in any version's spelling.
 
-    Raises:
-        BagError: the text is not YAML, or not a list of profiles.
+    None are returned if the text is not YAML, or not a list of profiles.
     """
     try:
         entries = yaml_value(text, where="QoS", error=BagError) or []
         return tuple(_profile(entry) for entry in entries)
-    except (BagError, ValueError, OverflowError, TypeError, AttributeError) as error:
-        raise BagError("its QoS profiles cannot be read") from error
+    except (BagError, ValueError, OverflowError, TypeError, AttributeError):
+        return ()
 
 
 def _profile(entry: dict[str, Any]) -> QoS:
@@ -127,10 +126,7 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
     schema = schemas.get(channel.schema_id)
     if schema is None:
         raise Damage(offset, f"topic {channel.topic!r} has no type")
-    try:
-        qos = profiles_from_text(channel.metadata.get("offered_qos_profiles", ""))
-        text = schema.data.decode()
-    except (BagError, UnicodeDecodeError) as error:
-        raise Damage(offset, f"topic {channel.topic!r}: {error}") from error
+    qos = profiles_from_text(channel.metadata.get("offered_qos_profiles", ""))
+    text = schema.data.decode(errors="replace")
     type_hash = channel.metadata.get("topic_type_hash", "")
     return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)

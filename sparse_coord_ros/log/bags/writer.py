@@ -14,8 +14,6 @@ from sparse_coord_ros.log.bags.metadata import (
     CONTINUED_RECORD,
     METADATA_FILE,
     METADATA_RECORD,
-    RESTARTED,
-    SPLIT,
     FileSummary,
     bag_information,
     metadata_yaml,
@@ -30,39 +28,26 @@ from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: a killed process loses one chunk at most."""
 
-INSIDE = tuple(
-    f"_Writer__{name}"
-    for name in ("chunk_indices", "schemas", "channels", "chunk_builder")
-)
-CHUNKS, SCHEMAS, CHANNELS, BUILDER = INSIDE
-"""Private attributes of mcap's Writer, which defines a channel in one chunk only. With them
-`flush` defines it in another one. A test fails if a release of mcap renames them."""
-
 
 class BagWriter:
     """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
 
-    Further files follow after a limit is passed, by `begin_file`, or if an earlier bag is
-    continued: `<name>_1.mcap` and so on, each with a metadata record that says why it begins.
-    Channels and sequence numbers continue.
+    Further files follow by `begin_file`, or if an earlier bag is continued: `<name>_1.mcap` and so
+    on, each with the metadata record `continued`.
 
     Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
     handed to the operating system as soon as it is full, and by `flush`: a bag that is never
-    closed contains these chunks completely, and `open_bag` can read and `recover` finish it. As a
+    closed contains these chunks completely, and `open_bag` reads it up to there. As a
     context manager the writer closes the bag on success and abandons it on an exception, so that a
     broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
     thread, or one lock, for all calls.
 
     Args:
         directory: the bag's directory, made here with its parents; must not exist.
-        compression: of chunks: `zstd`, `lz4` or `none`.
         chunk_size: bytes of uncompressed messages after which a chunk is written.
         name: stem of the MCAP file; the directory's name by default.
-        number: of its first file.
-        max_bytes: size in bytes after which another file begins; 0: never.
-        max_ns: the same, as a span of log time.
-        earlier: the bag in that directory that the writer continues (`recover.continued`).
-        why: the reason that the first new file states, see `begin_file`.
+        earlier: the bag in that directory that the writer continues (`reader.continued`).
+        says: what the first further file says, see `begin_file`.
 
     Raises:
         BagError: directory or file cannot be made.
@@ -72,64 +57,57 @@ class BagWriter:
         self,
         directory: Path,
         *,
-        compression: str = "zstd",
         chunk_size: int = DEFAULT_CHUNK_SIZE,
         name: str | None = None,
-        number: int = 0,
-        max_bytes: int = 0,
-        max_ns: int = 0,
         earlier: Bag | None = None,
-        why: Mapping[str, str] | None = None,
+        says: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
-        self._compression = CompressionType[compression.upper()]
         self._chunk_size = chunk_size
-        self._max_bytes = max_bytes
-        self._max_ns = max_ns
         self._directory = Path(directory)
         stem = self._directory.name if name is None else name
         self._files: list[FileSummary] = []
         self._topics_before: Mapping[str, BagTopic] = {}
+        number = 0
         if earlier is not None:
             stem, last = stem_and_number(earlier.files[-1].path)
             number = last + 1
-            self._files += [file.summary for file in earlier.files]
+            self._files += [file.summary for file in earlier.files if file.finished]
             self._topics_before = earlier.topics
         self._stem = stem
         self._number = number
         self._gone: Path | None = None
-        self._bytes_before = 0
+        self._bytes_before = self._messages_before = 0
         self._channels: dict[str, int] = {}
         self._topics: dict[str, BagTopic] = {}
-        self._counts: dict[int, int] = {}
-        self._start_file(None if earlier is None else why or {"why": RESTARTED})
+        self._start_file(None if earlier is None else says or {})
 
-    def _start_file(self, why: Mapping[str, str] | None) -> None:
+    def _start_file(self, says: Mapping[str, str] | None) -> None:
         """Begin a file, with the known channels; None: the bag's first file."""
         self._file_name = f"{self._stem}_{self._number}.mcap"
-        self._file = create_bag_file(self._directory, self._file_name, new=why is None)
+        self._file = create_bag_file(self._directory, self._file_name, new=says is None)
         self._writer = Writer(
             self._file,  # type: ignore[arg-type]  # Writer uses only write, tell and flush
             chunk_size=self._chunk_size,
-            compression=self._compression,
+            compression=CompressionType.ZSTD,
             enable_data_crcs=True,
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
-        self._defined_twice = 0
+        self._counts: dict[int, int] = {}
         self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
         for topic in self._topics.values():
             self._register(topic)
-        if why is not None:
-            self._writer.add_metadata(CONTINUED_RECORD, dict(why))
+        if says is not None:
+            self._writer.add_metadata(CONTINUED_RECORD, dict(says))
 
-    def begin_file(self, why: Mapping[str, str]) -> None:
+    def begin_file(self, says: Mapping[str, str]) -> None:
         """End the file and begin the next.
 
         Args:
-            why: texts of its metadata record `continued`; see `metadata.CONTINUED_RECORD`.
+            says: texts of its metadata record `continued`; see `metadata.CONTINUED_RECORD`.
 
         Raises:
             BagError: writing failed, or the bag is closed.
@@ -137,13 +115,14 @@ class BagWriter:
         self._file.check_usable()
         self._finish_file()
         self._bytes_before += self._file.tell()
+        self._messages_before += sum(self._counts.values())
         self._number += 1
-        self._start_file(why)
+        self._start_file(says)
 
     @property
     def message_count(self) -> int:
         """Number of messages written, those in the unfinished chunk included."""
-        return sum(self._counts.values())
+        return self._messages_before + sum(self._counts.values())
 
     @property
     def bytes_written(self) -> int:
@@ -179,7 +158,6 @@ class BagWriter:
         self._file.check_usable()
         self._topics[topic.name] = topic
         channel_id = self._channels[topic.name] = self._register(topic)
-        self._counts[channel_id] = self._in_files(topic.name)
         return channel_id
 
     def _register(self, topic: BagTopic) -> int:
@@ -189,9 +167,11 @@ class BagWriter:
             self._schema_ids[schema] = self._writer.register_schema(*schema)
         profiles = offered_qos_profiles(topic.qos)
         said = {"offered_qos_profiles": profiles, "topic_type_hash": topic.type_hash}
-        return self._writer.register_channel(
+        channel_id = self._writer.register_channel(
             topic.name, "cdr", self._schema_ids[schema], said
         )
+        self._counts[channel_id] = 0
+        return channel_id
 
     def write(
         self,
@@ -199,16 +179,14 @@ class BagWriter:
         data: bytes,
         log_time_ns: int,
         publish_time_ns: int,
-        sequence: int | None = None,
     ) -> None:
-        """Append one message.
+        """Append one message; its sequence number is its place in its channel of the file.
 
         Args:
             channel_id: as `add_topic` returned it.
             data: the serialised message with its CDR header.
             log_time_ns: time of reception in nanoseconds, 0 to 2**63 - 1, in any order.
             publish_time_ns: time of publication, likewise.
-            sequence: its sequence number; by default its place in its channel, from 0.
 
         Raises:
             BagError: the bag is closed, or writing failed, after which the bag accepts no more
@@ -217,12 +195,8 @@ class BagWriter:
         """
         if self._file.refusal is not None:
             raise BagError(self._file.refusal)
-        too_big = 0 < self._max_bytes <= self._file.tell()
-        if too_big or 0 < self._max_ns <= log_time_ns - self._start_ns:
-            self.begin_file({"why": SPLIT})
         count = self._counts[channel_id]
-        number = count if sequence is None else sequence
-        self._add_message(channel_id, log_time_ns, data, publish_time_ns, number)
+        self._add_message(channel_id, log_time_ns, data, publish_time_ns, count)
         self._counts[channel_id] = count + 1
         if log_time_ns < self._start_ns:
             self._start_ns = log_time_ns
@@ -253,21 +227,11 @@ class BagWriter:
     def flush(self) -> None:
         """End the current chunk and hand it to the operating system, without fsync.
 
-        The next chunk defines new channels again: if a chunk of an unfinished file is lost, the
-        others can be read.
-
         Raises:
             BagError: writing failed, or the bag is closed.
         """
         self._file.check_usable()
         self._writer.flush()
-        inside = vars(self._writer)
-        if self._defined_twice < len(self._topics) and inside[CHUNKS]:
-            self._defined_twice = len(self._topics)
-            for schema in inside[SCHEMAS].values():
-                inside[BUILDER].add_schema(schema)
-            for channel in inside[CHANNELS].values():
-                inside[BUILDER].add_channel(channel)
 
     def close(self) -> None:
         """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.
@@ -288,16 +252,9 @@ class BagWriter:
             rest = f"{files[0].name} and what came after it, is in {self._directory}"
             raise BagError(f"{gone}; what was still open, {rest}")
 
-    def _in_files(self, topic: str) -> int:
-        """Return the number of a topic's messages in the finished files."""
-        return sum(file.counts.get(topic, 0) for file in self._files)
-
     def _finish_file(self) -> None:
         """Finish and rename the file, and close it in any case."""
-        counts = {
-            one: self._counts[c] - self._in_files(one)
-            for one, c in self._channels.items()
-        }
+        counts = {one: self._counts[c] for one, c in self._channels.items()}
         file = FileSummary(self._file_name, counts, self._start_ns, self._end_ns)
         try:
             self._file.check_usable()
@@ -318,7 +275,7 @@ class BagWriter:
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.
 
-        The file stays `.partial`: `open_bag` reads every message, `recover` finishes it.
+        The file stays `.partial`: `open_bag` reads every message.
 
         Raises:
             BagError: writing failed.

@@ -3,18 +3,18 @@
 """The log of a run without ROS.
 
 - Read: `columns` and `decode` decode a bag's messages; `run_messages` sorts them by topic and time
-  step, with the service events (`dialogue`), the attached tables (`attached`), the time line of
-  several files (`timeline`) and the run (`bag_run`). `log` has the run as arrays, `window` a part
-  of a long one.
-- Replayed: `replay` says which intervals between gaps can be computed again, and lets an agent
-  follow a robot's actions in one. `relearned` has the tables of any time step.
-- Verified: `verify`, by `game_check` (the world), `agents` and `percepts`. The results are in
-  the words of `difference`.
+  step, with the service events (`dialogue`), the attached tables (`attached`) and the run
+  (`bag_run`). `segments` chains several files. `log` has the run as arrays, `window` a part of a
+  long one.
+- Replayed: `replay` lets an agent follow a robot's actions. `relearned` has the tables of any time
+  step.
+- Verified: `verify`, a loop over the time steps, by `game_check` (the world), `agents` and
+  `percepts`. The results are in the words of `difference`.
 - Explained: `explain`, each COORDINATE.
 """
 
 from sparse_coord_ros.log.runlog.attached import RecordedTables
-from sparse_coord_ros.log.runlog.difference import Difference, Unknown
+from sparse_coord_ros.log.runlog.difference import Difference, Undecided
 from sparse_coord_ros.log.runlog.log import RunLog, read_run
 from sparse_coord_ros.log.runlog.verify import Verification, verify
 
@@ -22,7 +22,7 @@ __all__ = [
     "Difference",
     "RecordedTables",
     "RunLog",
-    "Unknown",
+    "Undecided",
     "Verification",
     "read_run",
     "verify",

@@ -1,8 +1,7 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The run of a bag, and a check that all copies of it in the bag agree."""
+"""The run of a bag."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -12,7 +11,6 @@ from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD, RunConfi
 from sparse_coord_ros.log.bags.contents import Attachment
 from sparse_coord_ros.log.bags.reader import Bag
 from sparse_coord_ros.log.runlog.decode import Decoder
-from sparse_coord_ros.log.runlog.difference import MISSING, TWICE, Difference
 from sparse_coord_ros.protocol.wire import RUN
 
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
@@ -24,12 +22,10 @@ class BagRun(NamedTuple):
     Attributes:
         run: the run.
         prefix: the beginning of the names of its topics.
-        text: the text on the topic `run`; None: no message.
     """
 
     run: RunConfig
     prefix: str
-    text: str | None
 
 
 def find_run(bag: Bag) -> BagRun:
@@ -62,57 +58,8 @@ def find_run(bag: Bag) -> BagRun:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{no_run}: {error}") from None
         raise
-    return BagRun(run, prefix, said)
-
-
-def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
-    """Yield the places of a bag with another run, or without one.
-
-    Args:
-        bag: the bag.
-        source: its run.
-    """
-    run = source.run
-    said = source.text
-    announced = [
-        count for name, count in bag.counts.items() if name.endswith(f"/{RUN.name}")
-    ]
-    records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
-    yield from _once(
-        f"topic {RUN.name}", 0 if said is None else max(announced), "the settings"
-    )
-    for name, text in run_config.bag_files(run, said or run.to_yaml()).items():
-        attached = [_text(one) for one in bag.attachments if one.name == name]
-        yield from _once(f"attachment {name}", len(attached), "of the run")
-        for found in attached[:1]:
-            if found != text and (name != RUN_FILE or said is not None):
-                yield _difference(f"attachment {name}", *_first_line(found, text))
-    yield from _once(f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner")
-    due = run.record()  # keys that a later version adds are not compared
-    for record in records:
-        for key in sorted(due):
-            if record.get(key) != due[key]:
-                logged = repr(record[key]) if key in record else MISSING
-                yield _difference(f"metadata {key}", logged, repr(due[key]))
-
-
-def _once(where: str, count: int, due: str) -> Iterator[Difference]:
-    if count == 0:
-        yield _difference(where, MISSING, due)
-    elif count > 1:
-        yield _difference(where, TWICE, "once")
-
-
-def _difference(quantity: str, logged: str, computed: str) -> Difference:
-    return Difference(None, None, quantity, logged, computed)
+    return BagRun(run, prefix)
 
 
 def _text(attachment: Attachment) -> str:
     return attachment.data.decode(errors="replace")
-
-
-def _first_line(text: str, due: str) -> tuple[str, str]:
-    """Return the first different line of two texts, from both."""
-    pairs = zip(text.splitlines(), due.splitlines(), strict=False)
-    lines = next(((a, b) for a, b in pairs if a != b), ("another length", "its text"))
-    return repr(lines[0].strip()), f"{lines[1].strip()!r}, as topic {RUN.name} has it"

@@ -29,6 +29,10 @@ class Decoder:
             for number, (name, topic) in enumerate(topics.items(), start=1)
         }
 
+    def __contains__(self, topic: str) -> bool:
+        """Return whether it has the definition of a topic."""
+        return topic in self._schemas
+
     def __call__(self, topic: str, data: bytes) -> Any:
         """Return a message of a topic.
 

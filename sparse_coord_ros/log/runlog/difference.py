@@ -1,53 +1,28 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Findings of `verify`: differences between log and computation, and undecided parts."""
+"""Findings of `verify`: a difference between log and computation, or where it cannot go on."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.protocol import wire
-
 MISSING = "missing"
-"""Logged value of a message or an attachment that is not in the log."""
-NO_REQUEST = "without its request"
-"""Logged value of an answer whose request is not in the log."""
-NOTHING_TO_LEARN = "0: there was nothing to learn from"
-"""Computed value of `learned` if the log lacks the reward or the state of the action before."""
-TWICE = "twice"
-"""Logged value of a message or an attachment that must occur only once."""
-DIALOGUE = "dialogue"
-"""Quantity: question and answer of a percept."""
-LOG_TIME = "log_time"
-"""Quantity: the time at which a message was logged."""
-QUANTITIES = (
-    wire.LOCAL_STATE.name,
-    wire.MAP.name,
-    wire.MARKERS.name,
-    wire.TABLES.name,
-    wire.COORDINATION_MAP.name,
-    wire.PERCEPT.name,
-    DIALOGUE,
-    wire.ACTION.name,
-    wire.REWARD.name,
-    LOG_TIME,
-)
-"""The quantities of a time step in their order; all other quantities come before."""
+"""The value of an array that is not there."""
 
 
 class Difference(NamedTuple):
     """A quantity that differs between the log and the computation.
 
     Attributes:
-        step: the time step; None: the quantity belongs to the whole run.
-        robot: the robot's name; None: the quantity belongs to the world or the run.
+        step: the time step.
+        robot: the robot's name; None: the quantity belongs to the world.
         quantity: a topic, e.g. "reward"; after a space a part of it, e.g. "tables q_star".
         logged: the value in the log.
         computed: the correct value.
     """
 
-    step: int | None
+    step: int
     robot: str | None
     quantity: str
     logged: str
@@ -55,47 +30,29 @@ class Difference(NamedTuple):
 
     def __str__(self) -> str:
         """Return one line."""
-        where = [] if self.step is None else [f"time step {self.step}"]
+        where = [f"time step {self.step}"]
         where += [] if self.robot is None else [self.robot]
         where.append(f"{self.quantity}: logged {self.logged}, computed {self.computed}")
         return ", ".join(where)
 
-    @property
-    def missing(self) -> bool:
-        """True if a message that is not in the log explains the difference."""
-        not_there = self.logged.endswith((MISSING, NO_REQUEST))
-        return not_there or self.computed == NOTHING_TO_LEARN
 
-    @property
-    def rank(self) -> tuple[int, int]:
-        """A key that sorts differences by time step, then by the course of a step."""
-        step = -1 if self.step is None else self.step
-        topic = self.quantity.split()[0]
-        if topic not in QUANTITIES:
-            return step, 0
-        return step, 1 + QUANTITIES.index(topic)
-
-
-class Unknown(NamedTuple):
-    """A part of a run that cannot be verified.
+class Undecided(NamedTuple):
+    """From a time step on, a run cannot be verified.
 
     Attributes:
-        first: its first time step; 0: from the run's beginning.
-        last: its last time step; None: up to the run's end.
+        step: the time step; 0: the run's beginning.
         why: the reason, as a sentence.
     """
 
-    first: int
-    last: int | None
+    step: int
     why: str
 
     def __str__(self) -> str:
         """Return one line."""
-        if self.last is None:
-            return f"from time step {self.first} on: {self.why}"
-        if self.last == self.first:
-            return f"at time step {self.first}: {self.why}"
-        return f"from time step {self.first} to time step {self.last}: {self.why}"
+        return f"from time step {self.step} on: {self.why}"
+
+
+Finding = Difference | Undecided
 
 
 def first_entry(

@@ -10,19 +10,17 @@ import numpy as np
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.learners.corrections import corrections_of
 from sparse_coord_ros.core.learners.factored import Factored
-from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.learners.mind import Memory, memory_of
 from sparse_coord_ros.core.learners.policy import LEAVING
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.log.runlog.agents import first_memory
 from sparse_coord_ros.log.runlog.dialogue import Request
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.log.runlog.percepts import percept_end
 from sparse_coord_ros.log.runlog.replay import (
     Replay,
     Trajectory,
-    fresh_agent,
-    intervals,
+    agent_with,
     trajectory_of,
 )
 
@@ -92,44 +90,49 @@ def coordinations(log: RunLog, robot: int) -> list[int]:
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination]:
     """Yield a robot's COORDINATE of each given time step.
 
-    The tables before and after are computed as in `verify`: from the start of the log, or from
-    the checkpoint after a gap. The log is followed once for all time steps.
+    The tables before and after are computed as in `verify`, from the newest recorded tables up to
+    the first of these time steps. The log is followed once for all time steps.
 
     Args:
         log: the log.
         robot: the robot's number.
         steps: the time steps, ascending.
     """
-    begun = None
     doubt = log.why_not_computed(robot)
-    if doubt is None and log.run.known_rule is not None:
-        begun, odd = first_memory(log, robot)
-        doubt = None if odd is None else f"{odd}"
-        if begun is None:
-            doubt = (
-                f"the log does not hold the tables that {log.names[robot]} began with"
-            )
-            begun = memory_of(log.run.rule.mind(log.run.scenario, robot))
-    for part in intervals(log):
-        mine = [step for step in steps if part.holds(step)]
-        if not mine:
-            continue
-        trajectory = trajectory_of(log, robot, part)
-        replay = None
-        why = doubt
-        if part.lost:
-            why = "its values and its update are unknown: a part of the log is lost"
-        elif begun is not None:
-            replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
-        for step in mine:
-            place = int(np.searchsorted(trajectory.step, step))
-            if step in trajectory.step and log.asked[trajectory.row[place], robot]:
-                one = _logged(log, robot, trajectory, place)._replace(doubt=why)
-                yield (
-                    one
-                    if replay is None
-                    else _replayed(log, one, trajectory, replay, place)
-                )
+    first, memory = 0, None
+    if doubt is None and steps:
+        first, memory = _tables_before(log, robot, steps[0])
+    trajectory = trajectory_of(log, robot, first)
+    replay = None
+    if memory is not None:
+        replay = Replay(log, trajectory, agent_with(log, robot, memory))
+    elif log.run.known_rule is not None and doubt is None:
+        doubt = f"the log does not hold the tables that {log.names[robot]} began with"
+    for step in steps:
+        place = int(np.searchsorted(trajectory.step, step))
+        if step in trajectory.step and log.asked[trajectory.row[place], robot]:
+            one = _logged(log, robot, trajectory, place)._replace(doubt=doubt)
+            if replay is not None:
+                if not log.between(first, step).whole:
+                    one = one._replace(doubt="the log lacks messages before it")
+                one = _replayed(log, one, trajectory, replay, place)
+            yield one
+
+
+def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | None]:
+    """Return the time step of a robot's newest tables up to a given one, and its memory then.
+
+    The memory is None if the log does not hold it, or if the learner's code may not be imported.
+    """
+    if log.run.known_rule is None:
+        return 0, None
+    before = [one for one in log.all_tables if one.robot == robot and one.step <= step]
+    newest = max(before, key=lambda one: one.step, default=None)
+    if newest is not None:
+        return newest.step, newest.tables.memory
+    if log.run.tables or log.run.greedy:
+        return 0, None
+    return 0, memory_of(log.run.rule.mind(log.run.scenario, robot))
 
 
 def _logged(

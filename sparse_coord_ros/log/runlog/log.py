@@ -16,6 +16,7 @@ from sparse_coord_ros.core.game.interactions import (
     interactions_of,
     miscoordinations,
 )
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
@@ -25,7 +26,6 @@ from sparse_coord_ros.log.runlog.run_messages import (
     Series,
     read_messages,
 )
-from sparse_coord_ros.log.runlog.timeline import LostSteps, gap_in_words
 from sparse_coord_ros.protocol.wire import ACTION, PERCEPT, REWARD
 from sparse_coord_ros.protocol.wire.frame import MOVE_OF, Frame
 from sparse_coord_ros.protocol.wire.messages import action_from
@@ -149,7 +149,7 @@ class RunLog:
             try:
                 action_from(self.numbers[row, k].tolist())
             except ValueError as error:
-                words = ACTION.name, str(error), "an action"
+                words = ACTION.name, f"a message that {error}", "an action"
                 found = self.messages.difference(int(self.step[row]), k, *words)
                 self.messages.problems.append(found)
 
@@ -169,44 +169,20 @@ class RunLog:
         return {step: row for row, step in enumerate(self.step.tolist())}
 
     @property
-    def gaps(self) -> list[LostSteps]:
-        """The gaps, in order; the last one has no end if the log breaks off."""
-        messages = self.messages
-        found = sorted(messages.gaps)
-        if not messages.broken_off:
-            return found
-        series = [one for one in (*messages.states, messages.clock) if len(one.step)]
-        end = int(min((one.step.max() for one in series), default=0)) + 1
-        before = [gap for gap in found if gap.first < end]
-        return [*before, LostSteps(end, None)]
-
-    @property
-    def losses(self) -> list[str]:
-        """The unreadable parts of the bag and the gaps in its time steps, one line each.
-
-        An unreadable part may contain no message of a time step.
-        """
-        found = [gap_in_words(gap, self.frame.period) for gap in self.bag.gaps]
-        for gap in self.gaps:
-            if gap.last is None:
-                found.append(f"time steps {gap.first} on: {self.why_broken_off}")
-            else:
-                found.append(f"time steps {gap.first} to {gap.last}")
-        return found
-
-    @property
-    def why_broken_off(self) -> str:
-        """The reason why the log has no end; empty if it has one."""
-        if not self.messages.broken_off:
-            return ""
-        if self.messages.ended:
-            return "the log breaks off"
-        return "the log breaks off, the world does not show how the run ended"
+    def damage(self) -> str | None:
+        """One line if the bag is damaged or has no end: how far it was read; else None."""
+        return self.bag.ends_early(f"time step {self.step.max(initial=0)}")
 
     @property
     def problems(self) -> tuple[Difference, ...]:
-        """Unreadable messages and attachments, and messages out of order."""
+        """Unreadable messages and tables, and messages that contradict each other."""
         return tuple(self.messages.problems)
+
+    @property
+    def whole(self) -> bool:
+        """True if it has all robots' states of each of its time steps, and no step is missing."""
+        no_jump = bool((np.diff(self.step) <= EPISODE_GAP).all())
+        return no_jump and not (self.cells == NONE).any()
 
     @property
     def ended(self) -> np.ndarray:
@@ -230,16 +206,14 @@ class RunLog:
             k: the robot's number.
 
         Returns:
-            The reason as a sentence; None: it publishes tables or coordination maps.
+            The reason as a sentence; None: it publishes tables.
         """
-        recorded = any(entry.robot == k for entry in self.all_tables)
-        maps, _ = self.messages.coordination_maps[k]
-        if recorded or len(maps):
+        if any(entry.robot == k for entry in self.all_tables):
             return None
         name = self.names[k]
         return (
-            f"{name} publishes no tables and no coordination maps: its actions cannot be "
-            "explained (is it a custom learner?)"
+            f"{name} publishes no tables: its actions cannot be explained (is it a custom "
+            "learner?)"
         )
 
     def between(self, first: int, last: int) -> "RunLog":
@@ -299,7 +273,7 @@ class RunLog:
     def history(self) -> History:
         """Return the learning history: each episode as far as the log goes.
 
-        An episode with a gap is left out, as its length is unknown.
+        An episode beside lost time steps is left out, as its length is unknown.
         """
         scenario = self.run.scenario
         goals = np.array([robot.goal for robot in scenario.robots])
@@ -308,10 +282,7 @@ class RunLog:
         # A transition counts if the log also contains the state after it.
         made[:-1] &= np.diff(self.step) == 1
         made[-1:] = False
-        for gap in self.messages.gaps:
-            end = gap.first if gap.last is None else gap.last
-            cut = self.episode[(self.step >= gap.first - 1) & (self.step <= end + 1)]
-            made &= ~np.isin(self.episode, cut)
+        made &= ~np.isin(self.episode, self._episodes_beside_lost_steps())
         after = np.roll(self.cells, -1, axis=0)
         found, episode = np.unique(self.episode[made], return_inverse=True)
         first = np.searchsorted(self.episode, found)
@@ -334,6 +305,11 @@ class RunLog:
             present=np.ones((len(found), len(self.names)), dtype=bool),
         )
 
+    def _episodes_beside_lost_steps(self) -> np.ndarray:
+        """Return the numbers of the episodes between which time steps are missing."""
+        lost = np.flatnonzero(np.diff(self.step) > EPISODE_GAP)
+        return np.unique(self.episode[np.concatenate([lost, lost + 1])])
+
 
 def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
     """Return the cells of positions.
@@ -355,7 +331,7 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
 def read_run(path: Path) -> RunLog:
     """Read a run's log: a bag's directory, an `.mcap` or an `.mcap.partial`.
 
-    Of an unfinished or damaged file everything outside of its gaps is read.
+    An unfinished or damaged file is read up to there.
 
     Raises:
         BagError: the bag cannot be read, contains no run, or has another format.

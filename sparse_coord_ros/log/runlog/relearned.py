@@ -13,7 +13,7 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.attached import RecordedTables
-from sparse_coord_ros.log.runlog.replay import Interval, Replay, restored, trajectory_of
+from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire
 
@@ -218,15 +218,16 @@ class Relearned:
         log = self._log.read(
             max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT]
         )
-        if log.bag.gaps or log.messages.gaps:
+        if not log.whole:
             return None
-        done = [trajectory_of(log, one.robot, Interval(first)) for one in saved]
+        done = [trajectory_of(log, one.robot, first) for one in saved]
         for one in done:
             # No later action shows whether the robot learned from the last one.
             one.learned[-1:] |= one.told[-1:]
         pairs = zip(done, saved, strict=True)
         replays = [
-            Replay(log, trajectory, restored(log, one)) for trajectory, one in pairs
+            Replay(log, trajectory, agent_with(log, one.robot, one.tables.memory))
+            for trajectory, one in pairs
         ]
         return _Part(first, [one.step for one in done], replays)
 

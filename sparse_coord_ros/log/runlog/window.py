@@ -13,11 +13,11 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.contents import Attachment, Block
 from sparse_coord_ros.log.bags.reader import Bag, open_bag
+from sparse_coord_ros.log.runlog import segments
 from sparse_coord_ros.log.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.run_messages import RunMessages
-from sparse_coord_ros.log.runlog.timeline import gap_in_words, rollbacks
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.frame import Frame
 
@@ -80,7 +80,7 @@ class Episodes(NamedTuple):
 class LongLog:
     """A bag of any length, read in parts.
 
-    Superseded messages and gaps are left out: `losses` lists the gaps that reading has reached.
+    Superseded messages are left out. A damaged bag is read up to the damage.
 
     Args:
         path: as in `read_run`.
@@ -104,18 +104,17 @@ class LongLog:
             raise
         self.run: RunConfig = self._source.run
         self.period = Frame(self.run).period
-        self._backs = rollbacks(self.bag)
+        self._ends = segments.ends(segments.begins(self.bag))
 
     @property
     def blocks(self) -> list[Block]:
         """The places of the messages in the files, without superseded ones."""
         found = []
-        for place, blocks in enumerate(self.bag.blocks):
-            firsts = [back.first for back in self._backs if back.file > place]
-            end = min(firsts) * self.period - 1 if firsts else np.inf
-            known = [block for block in blocks if block.start_ns <= end]
+        for blocks, last in zip(self.bag.blocks, self._ends, strict=True):
+            end_ns = last * self.period
+            known = [block for block in blocks if block.start_ns <= end_ns]
             found += [
-                block._replace(end_ns=int(min(block.end_ns, end))) for block in known
+                block._replace(end_ns=min(block.end_ns, end_ns)) for block in known
             ]
         return found
 
@@ -125,9 +124,9 @@ class LongLog:
         return max((place.end_ns for place in self.blocks), default=0) // self.period
 
     @property
-    def losses(self) -> list[str]:
-        """The gaps that reading has reached, one line each."""
-        return [gap_in_words(gap, self.period) for gap in self.bag.gaps]
+    def damage(self) -> str | None:
+        """One line if reading has reached damage, or the bag has no end; else None."""
+        return self.bag.ends_early(f"time step {self.last_step}")
 
     def read(
         self, first: int, last: int, only: Collection[wire.Topic] | None = None
@@ -225,7 +224,6 @@ class LongLog:
     def _known_tables(self) -> list[dict[int, Attachment]]:
         """Return for each robot its tables' attachments, by time step; of equal steps the last."""
         known: list[dict[int, Attachment]] = [{} for _ in self.run.scenario.robots]
-        for _, attachment, of in attached_tables(self.bag, self.run, self._backs):
-            if of is not None:
-                known[of[0]][of[1]] = attachment
+        for k, step, attachment in attached_tables(self.bag, self.run):
+            known[k][step] = attachment
         return known

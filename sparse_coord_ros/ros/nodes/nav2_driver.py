@@ -4,8 +4,8 @@
 
 The action must have one server: goals go to all servers, and two would steer one base. Discovery
 finds one server before the other. So before its first goal the node waits until it has seen a
-single server for a while. It ends if a second server stays. A server that appears later is
-reported: to stop halfway would not help. (rclpy's EventsExecutor ends the process with a
+single server for a while. A server that appears later is reported: to stop halfway would not
+help. (rclpy's EventsExecutor ends the process with a
 segmentation fault when several servers answer; its SingleThreadedExecutor does not.)
 """
 
@@ -20,9 +20,9 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
-from sparse_coord_ros.base.errors import RunError, needed
+from sparse_coord_ros.base.errors import needed
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
-from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
+from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator
 from sparse_coord_ros.ros.nodes.mover import MoverNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.ros.nodes.transforms import pose_message
@@ -32,9 +32,6 @@ ENDINGS = {
     GoalStatus.STATUS_CANCELED: "cancelled by others",
 }
 """The counter of each status of a failed goal; any other status is of a server that came back."""
-
-TWO_SERVERS_SECONDS = 25.0
-"""How long a second server may stay: a killed one stays in the graph for 20 s."""
 
 SINGLE_SECONDS = 2.0
 """How long a server must have been the only one: discovery may find a second one later."""
@@ -76,15 +73,14 @@ class Nav2DriverNode(MoverNode):
         self._name = self.resolve_service_name(action)
         self._handles: dict[int, ClientGoalHandle] = {}
         self._single_since: float | None = None
-        self._doubled_since: float | None = None
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
 
     def make(self, metric_map: MetricMap, number: int) -> Navigator:
         """Return the state machine that decides on goals."""
         near = self.values["near"] * metric_map.side
-        limits = NavLimits(near, self.values["step_seconds"])
-        self.navigator = Navigator(metric_map, limits, number, self)
+        seconds = self.values["step_seconds"]
+        self.navigator = Navigator(metric_map, near, seconds, number, self)
         return self.navigator
 
     def drive(self) -> None:
@@ -126,22 +122,13 @@ class Nav2DriverNode(MoverNode):
         )
 
     def missing(self) -> str:
-        """Return a text if Nav2 is missing, runs twice, or may still drive for another client.
-
-        Raises:
-            RunError: two servers have been there for so long that both must be alive.
-        """
+        """Return a text if Nav2 is missing, runs twice, or may still drive for another client."""
         servers = self._servers()
         now = time.monotonic()
         if len(servers) != 1 or not self._client.server_is_ready():
             self._single_since = self._cleared = None
         if len(servers) > 1:
-            self._doubled_since = self._doubled_since or now
-            what = self._several(servers)
-            if now - self._doubled_since >= TWO_SERVERS_SECONDS:
-                raise RunError(f"node {self.get_name()}: {what}")
-            return f"a single server: {what}"
-        self._doubled_since = None
+            return f"a single server: {self._several(servers)}"
         if not servers or not self._client.server_is_ready():
             return f"Nav2's action {self._name}"
         self._single_since = self._single_since or now

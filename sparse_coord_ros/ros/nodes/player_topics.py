@@ -46,13 +46,9 @@ class PlayedTopics:
         bag = self.bag = open_bag(path)
         names = chosen_topics(bag)
         warn = node.get_logger().warning
-        if bag.damage is not None:
-            played = "every message" if bag.whole else "what could be read"
-            warn(f"{bag.path}: {bag.damage}; {played} is played")
-        elif not bag.finished:
-            warn(
-                f"{bag.path} was never closed by its recorder: its messages so far are played"
-            )
+        early = bag.ends_early(f"message {bag.message_count}")
+        if early is not None:
+            warn(f"{bag.path}: {early}")
         self.publishers: dict[str, Publisher] = {}
         skipped = []
         for name in names:

@@ -3,14 +3,13 @@
 """The recorder node: every topic of the team and the service events, as CDR, into a bag."""
 
 import contextlib
-import math
 import shutil
 import struct
 import time
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
@@ -25,9 +24,8 @@ from sparse_coord_ros.core.runs.run_config import (
     bag_files,
 )
 from sparse_coord_ros.log.bags import BagWriter, QoS
-from sparse_coord_ros.log.bags.metadata import RESTARTED, ROLLED_BACK, STALLED_RECORD
 from sparse_coord_ros.log.bags.process import BagProcess
-from sparse_coord_ros.log.bags.recover import continued
+from sparse_coord_ros.log.bags.reader import continued
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.frame import SECOND
@@ -55,8 +53,6 @@ KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
 """How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
-STALL_SECONDS = 1.0
-"""A recorder that did not run for so long (it was stopped) may have lost messages."""
 
 
 class Recording:
@@ -98,8 +94,6 @@ class Recording:
         self.final: set[str] = set()
         self._near_ns = LAG_STEPS * self.convert.period
         self._count = self._steps = 0
-        self._moved = math.inf
-        self._moved_ns = 0
         self._untold = False
         self._tables: dict[str, tuple[int, bytes]] = {}
 
@@ -147,7 +141,7 @@ class Recording:
             return
         self.obeyed = order.name
         if order.step != NO_ROLLBACK:
-            self.bag.begin_file(why_of(order))
+            self.bag.begin_file(segment_of(order))
             self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
             self._tables.clear()
 
@@ -252,29 +246,12 @@ class Recording:
             self._untold = False
             progress = Progress("", 0, 0, (), self.obeyed).values()
             self._progress.publish(status(RECORDER, "progress", progress))
-        if now - self._moved >= STALL_SECONDS:
-            self._note_stall(now - self._moved)
-        self._moved = now
-        self._moved_ns = self.now_ns
         if self._count:
             self._count = 0
             self.heard = now
         waited = now - self._flushed
         if self.heard > self._flushed and waited >= self._node.flush_seconds:
             self.flush()
-
-    def _note_stall(self, seconds: float) -> None:
-        """Record that this recorder was stalled: messages that waited for it may be lost.
-
-        The middleware keeps only the newest messages of each topic, and drops a participant that
-        is silent for long.
-        """
-        step = self._moved_ns // self.convert.period
-        texts = {"step": str(max(0, step - LAG_STEPS)), "seconds": f"{seconds:.1f}"}
-        self.bag.add_metadata(STALLED_RECORD, texts)
-        self._node.get_logger().warning(
-            f"this recorder stood still for {seconds:.1f} s at step {step}: messages may be lost"
-        )
 
     def _finds_robots(self) -> bool:
         """Return whether all robots are in the graph: they then know that this recorder listens.
@@ -320,11 +297,11 @@ class Recording:
             self._report("recording", values)
 
 
-def why_of(order: Order) -> dict[str, str]:
+def segment_of(order: Order) -> dict[str, str]:
     """Return the metadata of a bag file that begins with an order, or without one."""
     if not order.name or order.step == NO_ROLLBACK:
-        return {"why": RESTARTED}
-    return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
+        return {}
+    return {"step": str(order.step)}
 
 
 class Recorder(Follower):
@@ -400,12 +377,10 @@ class Recorder(Follower):
             raise RunError(
                 f"{self.directory}: holds the recording of another run; {remedy}"
             )
-        options: dict[str, Any] = {}
         order = Order() if self.status is None else self.status.order
-        if earlier is not None:
-            options = {"earlier": earlier, "why": why_of(order)}
+        segment = segment_of(order)
         bag = (BagWriter if self.direct is None else BagProcess)(
-            self.directory, **options
+            self.directory, earlier=earlier, says=segment
         )
         # a broken one stays unfinished
         self.at_end.enter_context(contextlib.suppress(BagError))
@@ -414,9 +389,8 @@ class Recorder(Follower):
         if earlier is None:
             recording.begin()
         else:
-            goes_back = why_of(order)["why"] == ROLLED_BACK
             first_ns = (order.first - 1) * recording.convert.period
-            recording.now_ns = first_ns if goes_back else earlier.end_ns
+            recording.now_ns = first_ns if segment else earlier.end_ns
             recording.obeyed = order.name
         recording.listen()
         bag.flush()

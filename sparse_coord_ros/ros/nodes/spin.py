@@ -260,7 +260,7 @@ def ending(
     try:
         yield
     except errors.NameTakenError:
-        raise  # the team belongs to another node: neither save nor publish the error
+        raise  # another team or robot is there: nothing has begun, nothing is saved
     except Exception as error:
         failure = errors.failure_of(error)
         with suppress(Exception):  # report the first error

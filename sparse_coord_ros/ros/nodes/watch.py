@@ -6,7 +6,6 @@ The team never waits for it. It subscribes to the topics of a team in other proc
 team's process it reads world and robots directly: receiving every message would slow the team.
 """
 
-import contextlib
 import functools
 import math
 import time
@@ -19,6 +18,7 @@ import numpy as np
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import UInt8MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.core.game.interactions import (
@@ -74,9 +74,6 @@ STOPPED_NOTICE = "the run was stopped before its end; the page waits for the nex
 LATE_TICKS = 10
 """How much later than the next time step's an action, a reward or a state may come. Counted in
 ticks of the node: a process that was stopped has the messages in its queue."""
-
-MOST_STEPS_HEARD = 10_000
-"""Most time steps with incomplete messages that are kept: a foreign node can send any number."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET)
 
@@ -423,7 +420,11 @@ class HeardTeam:
                     {"unpack": convert.unpack_self_report},
                 ),
                 (ros_topics.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
-                (ros_topics.TABLES, self._on_tables, {"read": read_tables_message}),
+                (
+                    ros_topics.TABLES,
+                    self._on_tables,
+                    {"read": functools.partial(self._read_tables, k)},
+                ),
             ):
                 heard = listen(topic, functools.partial(then, k), robot.name, **how)
                 self._subscriptions.append(heard)
@@ -481,9 +482,6 @@ class HeardTeam:
         A robot's states come in their order, but its action or reward may come after the next
         state: they have other topics.
         """
-        if len(self._steps) > MOST_STEPS_HEARD:
-            self._forget(max(self._steps))
-            self._lack("more time steps were received than a run has: starting anew")
         while known := sorted(
             step for step, heard in self._steps.items() if heard.cells
         ):
@@ -567,16 +565,16 @@ class HeardTeam:
         self.seen += 1
         self.view.take(TeamTransition(step, cells, actions, after, met, rewards, ends))
 
-    def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
-        data, step, _ = said
-        with contextlib.suppress(Exception):  # a foreign node can publish anything
-            where = ros_topics.TABLES.name
-            [saved] = unpack_saved(data, [k + 1], where=where)
-            tables = tables_of(
-                self._run.scenario, self._run.known_rule, k, saved.memory
-            )
-            if k not in self.tables or step >= self.tables[k][0]:
-                self.tables[k] = (step, tables)
+    def _read_tables(self, k: int, message: UInt8MultiArray) -> tuple[int, Tables]:
+        """Return a robot's tables in a message, and their time step."""
+        data, step, _ = read_tables_message(message)
+        [saved] = unpack_saved(data, [k + 1], where=ros_topics.TABLES.name)
+        run = self._run
+        return step, tables_of(run.scenario, run.known_rule, k, saved.memory)
+
+    def _on_tables(self, k: int, said: tuple[int, Tables]) -> None:
+        if k not in self.tables or said[0] >= self.tables[k][0]:
+            self.tables[k] = said
 
 
 def main() -> int:

@@ -125,7 +125,7 @@ class BagSource(controls.Played):
         self.rate = rate
         self._shown_rate = SHOWN_RATE
         self._narrator = Narrator(self.run.scenario)
-        self._key_steps = KeySteps(self.run, self._narrator)
+        self._key_steps = KeySteps(self.run)
         self.highlight: Highlight | None = None
         self._failing = ""
         self._again = False
@@ -446,12 +446,10 @@ class BagSource(controls.Played):
         """Say what state the file is in."""
         log = self.log
         text = ""
-        if log.losses:
-            text = f"damaged: {'; '.join(log.losses)}"
-        elif self.growing:
+        if self.growing and log.bag.damage is None:
             text = "still being recorded: the page follows it"
-        elif not log.bag.finished:
-            text = "never closed by its recorder: the part that was written is shown"
+        elif log.damage is not None:
+            text = log.damage
         if self._new("notice", text):
             self.board.put("notice", text=text)
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.grid import GridMap, regions
 from sparse_coord_ros.core.game.interactions import (
     can_miscoordinate,
     help_given,
@@ -63,14 +64,13 @@ class KeySteps:
 
     Args:
         run: the run.
-        narrator: of its scenario.
 
     Attributes:
         steps: by kind the time steps, ascending.
         changes: of each robot the time step and where it would ask from then on, shape (cells,).
     """
 
-    def __init__(self, run: RunConfig, narrator: Narrator) -> None:
+    def __init__(self, run: RunConfig) -> None:
         self.steps: dict[str, np.ndarray] = {
             kind: np.empty(0, np.int64) for kind in STEP_KINDS
         }
@@ -78,7 +78,7 @@ class KeySteps:
             [] for _ in run.scenario.robots
         ]
         self._run = run
-        self._near = narrator.doorways.near
+        self._near = near_doorways(run.scenario.map)
         self._places = OccupancyData(Frame(run)).places
 
     def add(self, part: Episodes) -> None:
@@ -163,6 +163,22 @@ class KeySteps:
                 since = step
         first = known[0][0] if known else 0
         return first, since
+
+
+def near_doorways(grid: GridMap) -> list[np.ndarray]:
+    """Return for each doorway the cells at most one move away, its own included, ascending.
+
+    Doorway cells beside each other are one doorway.
+    """
+    inside = np.isin(np.arange(len(grid.cells)), sorted(grid.doorways))
+    own = np.arange(len(grid.cells))[:, None]
+    lead = grid.next_cell
+    region = regions(np.where(inside[lead] & inside[:, None], lead, own))
+    found = []
+    for number in np.unique(region[inside]):
+        cells = np.flatnonzero(inside & (region == number))
+        found.append(np.union1d(cells, lead[cells]))
+    return found
 
 
 def _helped(log: RunLog) -> np.ndarray:
@@ -348,11 +364,9 @@ def _told(step: TeamTransition, k: int, narrator: Narrator, *, learned: bool) ->
     assert cell is not None  # it asked
     assert at is not None  # it answered
     move = question.move
-    led = narrator.led(cell, move)
-    place, door = narrator.where(k, cell, led)
-    answer = narrator.answer(k, cell, door, [(peer, at)])
-    does = narrator.does(k, cell, move, led)
-    return f"{narrator.names[k]} asks {place}, and {does} if {answer}."
+    answer = narrator.answer(cell, [(peer, at)])
+    does = narrator.does(k, cell, move, narrator.led(cell, move))
+    return f"{narrator.names[k]} asks {narrator.where(cell)}, and {does} if {answer}."
 
 
 class LearnedTeam:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the page is told, as plain data for JSON; described field by field in docs/watch.md.
+"""What the page is told, as plain data for JSON.
 
 Every source, live or recorded, makes the same messages by these functions. A message replaces the
 one before of its type: the page needs only the newest of each.
@@ -233,7 +233,6 @@ def curve_fields(history: History) -> Message:
         "step": first[order][begins].tolist(),
         "length": means(history.length, every),
         "miscoordinations": means(history.miscoordinations, every),
-        "returns": means(history.returns, own),
         "asks": means(history.asks, own),
     }
 

@@ -387,7 +387,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert frame["step"] == said["first"] and frame["rate"] == 2.0
     [text] = said["lines"]
     row = int(np.searchsorted(log.step, said["step"]))
-    k = int(re.match(r"robot_(\d) asks before the doorway, and ", text)[1]) - 1
+    k = int(re.match(r"robot_(\d) asks in cell \d+, and ", text)[1]) - 1
     assert log.asked[row, k] and log.perceived[row, k]
     home = log.run.scenario.map.distances_to(log.run.scenario.robots[k].goal)
     cell, peer = log.cells[row, [k, 1 - k]].tolist()
@@ -399,7 +399,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
         f" {('goes on', 'waits', 'steps back')[back + 1]} if robot_{2 - k} is " in text
     )
     narrator = Narrator(log.run.scenario)
-    assert text.endswith(f" is {narrator.seen_from(k, cell, 0, 1 - k, peer)}.")
+    assert text.endswith(f" is {narrator.seen_from(cell, peer)}.")
     seen = [player.after(0.5)["step"] for _ in range(60)]
     assert seen.count(said["step"]) > 1 and min(seen) == said["first"]
     assert player.do(RATE, 20.0)["rate"] == 20.0
@@ -476,7 +476,7 @@ def team(learned, tables):
     """Return a log, what its robots have learned, and what else `highlight` needs."""
     log = read_run(learned)
     narrator = Narrator(log.run.scenario)
-    return log, LearnedTeam(log.run, tables), KeySteps(log.run, narrator), narrator
+    return log, LearnedTeam(log.run, tables), KeySteps(log.run), narrator
 
 
 def test_a_cell_that_no_greedy_robot_reaches_is_not_what_was_learned(team):
@@ -526,7 +526,7 @@ def test_of_a_larger_team_one_robot_is_told(record):
     log = read_run(bag)
     narrator = Narrator(log.run.scenario)
     team = LearnedTeam(log.run, tables)
-    found = highlight(log, team, KeySteps(log.run, narrator), narrator)
+    found = highlight(log, team, KeySteps(log.run), narrator)
     row = np.searchsorted(log.step, found.step)
     assert log.asked[row].sum() > 1
     assert found.text.count(" asks ") == 1
@@ -543,7 +543,7 @@ def test_since_when_a_robot_would_ask_is_told():
 
 def test_robots_without_a_way_to_a_doorway_do_not_meet_at_it(make):
     run = make_run(make("1.D.2\n#####\n....."), {})
-    found = KeySteps(run, Narrator(run.scenario))
+    found = KeySteps(run)
     number = run.scenario.map.number
     cells = [[(0, 1), (0, 3)], [(0, 1), (2, 0)], [(2, 1), (2, 0)], [(0, 2), (0, 4)]]
     places = np.array([[number[place] for place in joint] for joint in cells])
@@ -715,14 +715,15 @@ def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
     player = Player(cut)
-    assert "never closed" in player.board.get("notice")["text"]
+    assert "it has no end" in player.board.get("notice")["text"]
     place = player.source.log.blocks[-1]
     player.source.log.bag.close()
-    data[place.offset + 200 : place.offset + 264] = bytes(64)
-    cut.write_bytes(data)
+    whole = bytearray(bag_files(bag)[0].read_bytes())
+    whole[place.offset + 200 : place.offset + 264] = bytes(64)
+    cut.write_bytes(whole)
     player = Player(cut)
     player.source.read_through()
-    assert "damaged: " in player.board.get("notice")["text"]
+    assert "damaged at byte " in player.board.get("notice")["text"]
     player.source.log.bag.close()
     copy = tmp_path / "copy"
     shutil.copytree(bag, copy)

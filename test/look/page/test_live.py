@@ -114,11 +114,10 @@ def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():
         first_step=np.arange(2),
         length=np.array([3, 5]),
         miscoordinations=np.zeros(2),
-        returns=np.array([[1.0, 0.0], [0.0, 4.0]]),
-        asks=np.zeros((2, 2)),
+        asks=np.array([[1.0, 0.0], [0.0, 4.0]]),
         present=np.eye(2),
     )
-    assert messages.curve_fields(history)["returns"] == [[1.0, None], [None, 4.0]]
+    assert messages.curve_fields(history)["asks"] == [[1.0, None], [None, 4.0]]
 
 
 def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():

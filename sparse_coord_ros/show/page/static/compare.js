@@ -2,7 +2,7 @@
 // Several runs on one page: one clock, one time line, a map for each, and their curves in one chart.
 
 import { Curves } from "/curves.js";
-import { $, about, html, number, otherTheme, showKeys, spoken, svg, tell, tinted } from "/draw.js";
+import { $, about, html, number, otherTheme, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
@@ -290,29 +290,16 @@ $("rate").onchange = () => { send("rate", Number($("rate").value)); $("rate").bl
 $("axis").onchange = () => { send("axis", $("axis").value); $("axis").blur(); };
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
 $("theme").onclick = otherTheme;
-$("help").onclick = showKeys;
 begin();
 
 const KEYS = {
   " ": pause, ArrowRight: () => send("step", 1), ArrowLeft: () => send("step", -1),
-  PageDown: () => send("step", 100), PageUp: () => send("step", -100),
   Home: () => send("seek", 0), End: () => send("seek", clock.last),
-  "+": () => faster(1), "-": () => faster(-1),
 };
-const eachMap = (what) => columns.forEach((column) => what(column.map));
-const FREE_KEYS = {
-  t: otherTheme, "?": showKeys, f: () => eachMap((map) => map.fit()),
-  z: () => eachMap((map) => map.zoom(1.5)), x: () => eachMap((map) => map.zoom(1 / 1.5)),
-};
-
-function faster(by) {
-  const next = by > 0 ? RATES.find((rate) => rate > clock.rate) : RATES.findLast((rate) => rate < clock.rate);
-  if (next !== undefined) send("rate", next);
-}
 
 document.addEventListener("keydown", (event) => {
   const own = event.target.matches("select, input:not([type=checkbox])") || (event.key === " " && event.target.matches("button, input"));
-  const act = FREE_KEYS[event.key] ?? (mayControl && clock ? KEYS[event.key] : undefined);
+  const act = mayControl && clock ? KEYS[event.key] : undefined;
   if (!act || own || event.ctrlKey || event.altKey || event.metaKey) return;
   event.preventDefault();
   act();

@@ -9,7 +9,6 @@ const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"
 // What is drawn: the key of the message, the title with its unit, values that the axis shows at least.
 const CURVES = [
   ["length", "Steps of an episode", [0, 1]],
-  ["returns", "Return of a robot, undiscounted", []],
   ["miscoordinations", "Miscoordinations of an episode", [0, 1]],
   ["help", "Help in an episode (times)", [0, 1]],
   ["asks", "Questions of a robot", [0, 1]],

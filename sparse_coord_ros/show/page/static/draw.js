@@ -70,12 +70,6 @@ export function spoken(run, frame) {
   return `Time step ${number(frame.step)}: ${[`${places.join("; ")}.`, ...frame.interactions].join(" ")}`;
 }
 
-// A button that shows and hides the keys.
-export function showKeys() {
-  $("keys").hidden = !$("keys").hidden;
-  $("help").ariaExpanded = String(!$("keys").hidden);
-}
-
 // What a run is about: its scenario, its learner if that is given, and the rules.
 export function about(run, learner) {
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;

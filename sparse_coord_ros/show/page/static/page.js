@@ -2,7 +2,7 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { $, about, html, inkOn, number, otherTheme, shape, showKeys, spoken, svg, tell, tinted } from "/draw.js";
+import { $, about, html, inkOn, number, otherTheme, shape, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
@@ -11,14 +11,14 @@ import { connect, token } from "/stream.js";
 
 const UNKNOWN = "not known";
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
-// What one can jump to: its button, its key, what it does.
+// What one can jump to: its button, what it does.
 const JUMPS = {
-  question: ["question", "q", "the next question"], miscoordination: ["miscoordination", "m", "the next miscoordination"],
-  exchange: ["exchange", "e", "the next exchange of cells"],
-  stopped: ["stopped robot", "s", "the next robot that another one stops"],
-  help: ["help", "h", "the next time that robots help each other"],
-  policy: ["change of asking", "p", "the next change of where a robot would ask"],
-  crossing: ["First crossing", "c", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
+  question: ["question", "the next question"], miscoordination: ["miscoordination", "the next miscoordination"],
+  exchange: ["exchange", "the next exchange of cells"],
+  stopped: ["stopped robot", "the next robot that another one stops"],
+  help: ["help", "the next time that robots help each other"],
+  policy: ["change of asking", "the next change of where a robot would ask"],
+  crossing: ["First crossing", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
 };
 const HELD = ["paused", "ended", "finished", "stopped"];
 const OVER = ["finished", "stopped", "gone"]; // nothing goes on
@@ -118,7 +118,7 @@ function begin() {
 function chip(robot, k) {
   const text = svg("text", { fill: inkOn(robot.colour), "font-size": 14, "font-weight": 700, "text-anchor": "middle", "dominant-baseline": "central" }, String(k + 1));
   const picture = svg("svg", { viewBox: "-17 -17 34 34" }, shape(robot, 13.5), text);
-  const title = `show what ${robot.name} learned (${k + 1})`;
+  const title = `show what ${robot.name} learned`;
   return html("button", { type: "button", className: "chip", title, ariaPressed: map.shown.has(k), onclick: () => toggle(k) }, picture, robot.name);
 }
 
@@ -218,8 +218,8 @@ $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("
 $("start").onclick = () => send("next", { scenario: $("scenario").value, penalty: Number($("penalty").value) });
 const jump = (kind) => send("jump", kind);
 const lanes = {};
-for (const [kind, [words, key, what]] of Object.entries(JUMPS)) {
-  const button = html("button", { type: "button", className: kind, title: `${what} (${key})`, disabled: true, onclick: () => jump(kind) }, `${words} ▸`);
+for (const [kind, [words, what]] of Object.entries(JUMPS)) {
+  const button = html("button", { type: "button", className: kind, title: what, disabled: true, onclick: () => jump(kind) }, `${words} ▸`);
   button.dataset.kind = kind;
   const toStep = (share) => { const { first, last } = newest.frame; seek(first + share * (last - first)); };
   lanes[kind] = { button, lane: new Lane($("lanes"), html("span", {}, button), `when: ${what.replace("the next ", "")}`, toStep) };
@@ -227,15 +227,7 @@ for (const [kind, [words, key, what]] of Object.entries(JUMPS)) {
 for (const name of ["arrows", "rings", "heat", "trails"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }
-$("help").onclick = showKeys;
 $("theme").onclick = otherTheme;
-
-function faster(by) {
-  const rates = [...$("rate").options].map((one) => Number(one.value)).filter(Boolean).sort((a, b) => a - b);
-  const now = newest.frame?.rate || rates.at(-1);
-  const next = by > 0 ? rates.find((r) => r > now) : rates.findLast((r) => r < now);
-  if (next !== undefined) send("rate", next);
-}
 
 // Key: the control that it needs, and what it does.
 const seek = (at) => send("seek", Math.round(at ?? 0));
@@ -243,28 +235,15 @@ const KEYS = {
   " ": ["pause", pause],
   ArrowRight: ["step", () => send("step", 1)],
   ArrowLeft: ["seek", () => send("step", -1)],
-  PageDown: ["seek", (frame) => seek(frame.step + 100)],
-  PageUp: ["seek", (frame) => seek(frame.step - 100)],
   Home: ["seek", (frame) => seek(frame.first)],
   End: ["seek", (frame) => seek(frame.last)],
-  "+": ["rate", () => faster(1)],
-  "-": ["rate", () => faster(-1)],
-  r: ["reset", () => send("reset")],
-  l: ["jump", () => jump("learned")],
 };
-const FREE_KEYS = {
-  z: () => map.zoom(1.5), x: () => map.zoom(1 / 1.5), f: () => map.fit(),
-  t: () => $("theme").click(), "?": () => $("help").click(),
-};
-for (const [key, act] of Object.entries(FREE_KEYS)) KEYS[key] = [null, act];
-for (const [kind, [, key]] of Object.entries(JUMPS)) KEYS[key] = ["jump", () => jump(kind)];
-for (const k of "12345678") KEYS[k] = [null, () => toggle(Number(k) - 1)];
 
 document.addEventListener("keydown", (event) => {
   const { run, frame } = newest, [control, act] = KEYS[event.key] ?? [];
   const own = event.target.matches("select, input:not([type=checkbox])") || (event.key === " " && event.target.matches("button, input"));
   if (!act || !run || !frame || own || event.ctrlKey || event.altKey || event.metaKey) return;
-  if (control && !(mayControl && run.controls.includes(control))) return;
+  if (!(mayControl && run.controls.includes(control))) return;
   event.preventDefault();
   act(frame);
 });

@@ -1,0 +1,84 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The segments of a bag, chained: each is cut where the next one begins.
+
+A team that goes back to a checkpoint makes some time steps again. The recorder then begins another
+file of the bag, a segment, with a record of the checkpoint's time step. What earlier segments have
+from that time step on is superseded.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sparse_coord_ros.log.bags.reader import Bag
+
+NO_BEGIN = -1
+"""In place of a segment's first time step: it supersedes nothing."""
+
+FAR = 2**40
+"""A time step after all others."""
+
+
+def begins(bag: Bag) -> list[int]:
+    """Return for each file of a bag the checkpoint at which it begins, or `NO_BEGIN`."""
+    found = []
+    for file in bag.files:
+        step = (file.continued or {}).get("step", "")
+        found.append(int(step) if step.isdecimal() else NO_BEGIN)
+    return found
+
+
+def ends(first_steps: Sequence[int]) -> list[int]:
+    """Return for each file the time step from which later files supersede it; `FAR`: none do.
+
+    Args:
+        first_steps: as of `begins`.
+    """
+    found = []
+    for place in range(len(first_steps)):
+        later = [step for step in first_steps[place + 1 :] if step != NO_BEGIN]
+        found.append(min(later, default=FAR))
+    return found
+
+
+def chained(
+    files: Sequence[np.ndarray],
+    first_steps: Sequence[int],
+    period: int,
+    *,
+    with_last: bool = False,
+) -> np.ndarray:
+    """Return the rows of one topic in all segments, without superseded ones.
+
+    Args:
+        files: for each file its rows, with the field `ns`.
+        first_steps: as of `begins`.
+        period: nanoseconds of a time step.
+        with_last: keep the rows of the very step at which the next segment begins: an episode may
+            end with the states of that step.
+    """
+    kept = []
+    for rows, begin, end in zip(files, first_steps, ends(first_steps), strict=True):
+        if begin != NO_BEGIN:
+            rows = _without_late(rows)
+        steps = steps_of(rows, period)
+        here = (steps >= begin) & (steps < end + with_last)
+        kept.append(rows[here])
+    return np.concatenate(kept)
+
+
+def _without_late(rows: np.ndarray) -> np.ndarray:
+    """Leave out the messages at a segment's beginning that were sent before it."""
+    falls = np.flatnonzero(np.diff(rows["ns"]) < 0)
+    if not len(falls):
+        return rows
+    begin = int(falls[-1]) + 1
+    if rows["ns"][:begin].min() <= rows["ns"][begin]:
+        return rows
+    return rows[begin:]
+
+
+def steps_of(rows: np.ndarray, period: int) -> np.ndarray:
+    """Return the time steps of rows with the field `ns`."""
+    return np.asarray((rows["ns"] + period // 2) // period)
