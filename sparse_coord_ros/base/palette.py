@@ -17,7 +17,6 @@ ROBOT_COLOURS = (
     "#B5A800",  # dark yellow
 )
 DOORWAY_COLOUR = "#D55E00"
-HELP_COLOUR = "#007A3D"
 WALL_COLOUR = "#404040"
 
 ANSWERED = "answered"
@@ -32,9 +31,6 @@ OUTCOME_SIGNS = {ANSWERED: "✓", REFUSED: "✗", FAILED: "?"}
 
 EXCHANGE_SIGN = "⇄"
 """Between two robots that exchange their cells."""
-
-HELP_SIGN = "✔"
-"""At the help places in which robots help each other."""
 
 
 def robot_colour(number: int) -> str:

@@ -6,7 +6,6 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -31,14 +30,11 @@ from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.optimum import (
     MOST_JOINT_STATES,
     independent_bound,
-    is_too_large,
     joint_optimum,
-    optimum_and_arrivals,
-    upper_bound,
 )
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
-    bound_in_words,
+    BOUND,
     shipped_asking_team,
     shipped_best_team,
     shipped_routes,
@@ -86,18 +82,14 @@ def execute(options: argparse.Namespace) -> None:
         _search(options, scenario)
         return
     allowed_with(options, "--class", OF_THE_SEARCH)
-    arrives: float | None = None
-    if any(scenario.help_rewards) and not is_too_large(scenario):
-        optimum, arrives = optimum_and_arrivals(scenario)
-    else:
-        optimum = joint_optimum(scenario)
-    bound = upper_bound(scenario)
+    optimum = joint_optimum(scenario)
+    bound = independent_bound(scenario)
     paths = shortest_path_reference(scenario)
     shipped = shipped_asking_team(scenario)
     team = shipped_best_team(scenario)
     routes = shipped_routes(scenario)
     facts = {"scenario": scenario.name, **asdict(optimum)}
-    facts |= {"robots_alone": independent_bound(scenario)}
+    facts |= {"robots_alone": bound}
     facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}
     facts |= {"route_planner": routes}
     known = {"exact joint optimum": "not computed: too many joint states"}
@@ -106,10 +98,6 @@ def execute(options: argparse.Namespace) -> None:
         known["exact joint optimum"] = f"not computed: {limit}"
     if optimum.exact:
         known["exact joint optimum"] = f"{optimum.value:.2f}"
-    if arrives is not None:
-        facts |= {"optimum_arrives": arrives}
-        said = _arrivals_in_words(arrives, in_time=not fails(paths.all_arrived))
-        known["exact joint optimum"] += said
     if shipped is not None:
         known["best asking team found"] = f"{shipped.value:.2f}, {WARNING}"
     if team is not None:
@@ -119,7 +107,7 @@ def execute(options: argparse.Namespace) -> None:
         known["route planner"] = (
             f"{estimate}, if one controller saw all robots for free"
         )
-    known[bound_in_words(scenario)] = f"{bound:.2f}"
+    known[BOUND] = f"{bound:.2f}"
     known["fixed shortest paths"] = paths.in_words()
     if not paths.exact:
         known["fixed shortest paths"] += f"; {paths.trials} trials (standard error)"
@@ -137,19 +125,6 @@ def _horizon_in_words(scenario: Scenario) -> str:
     if only_together(interactions_of(scenario)):
         return f"Miscoordinations and arrivals are counted {within}; values have no horizon."
     return f"Shortest paths are evaluated {within}; the other values have no horizon."
-
-
-def _arrivals_in_words(arrives: float, *, in_time: bool) -> str:
-    """Return in how many episodes the joint optimum arrives, and what to do where it does not.
-
-    Args:
-        arrives: share of its episodes in which all robots arrive within the horizon.
-        in_time: whether robots on shortest paths arrive within it.
-    """
-    said = f"; all robots arrive in {percent(arrives)} of the episodes"
-    if fails(arrives) and in_time:
-        said += ": help pays more than arriving; choose a smaller reward"
-    return said
 
 
 def _search(options: argparse.Namespace, scenario: Scenario) -> None:

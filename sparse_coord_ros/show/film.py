@@ -18,9 +18,9 @@ from PIL import Image
 from sparse_coord_ros.base import palette
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.show.episodes import Episode
+from sparse_coord_ros.show.map_pictures import draw_map
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.steps import Interacting, Question, questions_of
-from sparse_coord_ros.studies.report.map_pictures import draw_map
 
 DPI = 100
 LONGEST_FILM_SIDE = 7.2
@@ -221,7 +221,7 @@ class EpisodePictures:
             )
 
     def _marks(self, found: Interacting, step: int) -> Iterator[Artist]:
-        """Yield the signs of exchanges and of help, and a bar before each stopped robot."""
+        """Yield the signs of exchanges, and a bar before each stopped robot."""
         for pair in found.exchanges:
             x, y = self._places[self._cells[step, list(pair)]].mean(axis=0)
             ring = Circle((x, y), 0.22, facecolor="white", linewidth=1.8)
@@ -236,14 +236,6 @@ class EpisodePictures:
             ends = np.transpose([middle - across, middle + across])
             yield Line2D(*ends, linewidth=6, color="white")
             yield Line2D(*ends, linewidth=3.6, color="black")
-        for cell in found.helped:
-            x, y = self._places[cell]
-            ring = Circle((x, y), 0.4, fill=False, linewidth=3)
-            ring.set_edgecolor(palette.HELP_COLOUR)
-            yield ring
-            sign = palette.HELP_SIGN
-            colour = palette.HELP_COLOUR
-            yield self._letter(x + 0.36, y - 0.36, sign, colour, least=7.0)
 
     def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
         there = {
@@ -328,7 +320,6 @@ def film_palette() -> Image.Image:
         *palette.ROBOT_COLOURS,
         *palette.OUTCOME_COLOURS.values(),
         palette.DOORWAY_COLOUR,
-        palette.HELP_COLOUR,
     ]
     shares = np.array([1.0, 0.75, 0.5, 0.35, 0.2])[:, None, None, None]
     grounds = np.array([1.0, 0.25, 0.0])[:, None, None]

@@ -92,11 +92,6 @@ class Narrator:
             told.append(f"{self.names[k]} and {self.names[j]} exchange their cells.")
         for k in sorted({one[0] for one in found.stopped}):
             told.append(f"{self.names[k]} stays: {self._in_the_way(k, found)}.")
-        helping = [
-            self.names[k] for k, cell in enumerate(after) if cell in found.helped
-        ]
-        if helping:
-            told.append(f"{_listed(helping)} help each other.")
         return told
 
     def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
@@ -160,17 +155,15 @@ class Narrator:
         if after != cell:
             return self._goes(robot, cell, after, move)
         if led == cell:
-            waits_to_help = self._interactions.posts[cell]
-            return "waits in a help place" if waits_to_help else "waits"
+            return "waits"
         return f"stays: {why or f'its move {ACTIONS[move]} fails'}"
 
     def _goes(self, robot: int, cell: int, after: int, move: int) -> str:
-        to = " to a help place" if self._interactions.posts[after] else ""
         now = self._home[robot][cell]
         then = self._home[robot][after]
         if now < 0 or then < 0 or now == then:
-            return f"goes {ACTIONS[move]}{to}"
-        return f"goes on{to}" if then < now else f"steps back{to}"
+            return f"goes {ACTIONS[move]}"
+        return "goes on" if then < now else "steps back"
 
     def answer(self, cell: int, seen: Sequence[tuple[int, int]]) -> str:
         """Return other robots' positions in words: of all close ones, or of the closest.

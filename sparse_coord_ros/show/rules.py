@@ -30,8 +30,6 @@ def rules_in_words(scenario: Scenario) -> str:
         )
     if inter.blocks:
         told.append(f"{NARROW[scenario.kinds['block']]} holds one robot.")
-    if inter.helps:
-        told.append("Robots that help each other are paid for it.")
     cost = f"costs {scenario.ask_cost:,g}" if scenario.ask_cost else "is free"
     told.append(f"A question {cost}.")
     told.append(_answers(scenario))

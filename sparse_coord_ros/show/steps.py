@@ -13,7 +13,6 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
     exchanged,
-    help_given,
     interactions_of,
     miscoordinations,
     stops,
@@ -113,17 +112,14 @@ class Interacting(NamedTuple):
         exchanges: pairs of robots that exchange their cells.
         stopped: robots that try to enter a cell and stay: the robot, the robot in its way, and the
             cell.
-        helped: the help places in which robots help each other, ascending; empty unless the step
-            is paid as help.
     """
 
     together: tuple[int, ...]
     exchanges: tuple[tuple[int, int], ...]
     stopped: tuple[tuple[int, int, int], ...]
-    helped: tuple[int, ...]
 
 
-NOT_INTERACTING = Interacting((), (), (), ())
+NOT_INTERACTING = Interacting((), (), ())
 
 
 def interacting_in(
@@ -138,15 +134,15 @@ def interacting_in(
     """
     if seen.after is None:
         return NOT_INTERACTING
-    if not (seen.miscoordination or inter.blocks or inter.helps):
+    if not (seen.miscoordination or inter.blocks):
         return NOT_INTERACTING
     before = _column(seen.cells)
     after = _column(seen.after)
     moves = _column([None if one is None else one.move for one in seen.actions])
-    known = [cell for cell in seen.after if cell is not None]
     shared: tuple[int, ...] = ()
     pairs: list[tuple[int, int]] = []
     if seen.miscoordination:
+        known = [cell for cell in seen.after if cell is not None]
         shared = _shared(inter, known)
         exchanges = exchanges_in(inter, before, after)
         pairs = [(k, j) for k, j, found in exchanges if found[0]]
@@ -154,10 +150,7 @@ def interacting_in(
     for k, j, found in stops_in(inter, next_cell, before, moves, after):
         if found[0]:
             blocked.append((k, j, int(next_cell[before[k, 0], moves[k, 0]])))
-    helped: tuple[int, ...] = ()
-    if help_given(inter, before, after)[0]:
-        helped = tuple(sorted({cell for cell in known if inter.posts[cell]}))
-    return Interacting(shared, tuple(pairs), tuple(blocked), helped)
+    return Interacting(shared, tuple(pairs), tuple(blocked))
 
 
 def _shared(inter: Interactions, cells: Sequence[int]) -> tuple[int, ...]:

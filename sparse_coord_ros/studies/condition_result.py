@@ -44,7 +44,7 @@ class ConditionResult:
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
         reference: value of fixed shortest-path policies: returns, time_to_goal and
-            miscoordinations. Where robots swap, block or help also the other attributes
+            miscoordinations. Where robots swap or block also the other attributes
             of `Reference`.
         means: mean of each measure of `SUMS` over trials (and robots).
         variances: variance of each measure over trials (and robots).

@@ -13,8 +13,6 @@ from typing import NamedTuple
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.unseen import (
-    HELP_PLACES,
-    HELPING,
     SPLITS,
     TEAMS,
     VERSIONS,
@@ -61,17 +59,6 @@ BLOCK_SEEDS: Mapping[str, Sequence[int]] = {
 }
 """The same where each cell holds one robot."""
 
-HELP_SEEDS: Mapping[str, Sequence[int]] = {
-    "door": (1000, 1002, 1003, 1004),
-    "doors": (1001, 1007, 1015, 1020),
-    "corridor": (1002, 1003, 1007, 1014),
-    "rooms": (1002, 1003, 1004, 1005),
-    "loop": (1000, 1001, 1006, 1008),
-    "crossing": (1005, 1009, 1010, 1013),
-}
-"""The same where robots help each other: of the buildings with help places, which say so in their
-names."""
-
 
 def _buildings(split: str, robots: int) -> tuple[Item, ...]:
     names = unseen_buildings()
@@ -82,12 +69,10 @@ def _buildings(split: str, robots: int) -> tuple[Item, ...]:
     )
 
 
-def _pairs(
-    interactions: str, seeds: Mapping[str, Sequence[int]], robots: str = "2r"
-) -> tuple[Item, ...]:
+def _pairs(interactions: str, seeds: Mapping[str, Sequence[int]]) -> tuple[Item, ...]:
     """Return buildings of two robots that no list has with the kind `together`."""
     return tuple(
-        Item(f"{VERSIONS[1]}-{kind}-{robots}-{seed}", {"interactions": interactions})
+        Item(f"{VERSIONS[1]}-{kind}-2r-{seed}", {"interactions": interactions})
         for kind, own in seeds.items()
         for seed in own
     )
@@ -107,7 +92,6 @@ LISTS: Mapping[str, tuple[Item, ...]] = {
     **_unseen(),
     "swap-pairs": _pairs("swap", SWAP_SEEDS),
     "block-pairs": _pairs("block:anywhere", BLOCK_SEEDS),
-    "help-pairs": _pairs(HELPING, HELP_SEEDS, f"2r-{HELP_PLACES}h"),
     "percepts": tuple(
         Item(name, {"perception": percept})
         for name in ("env1", "env2-2r", "pentagon")
@@ -115,23 +99,6 @@ LISTS: Mapping[str, tuple[Item, ...]] = {
     ),
 }
 """Every list, by its name."""
-
-ABOUT: Mapping[str, str] = {
-    "paper": "The paper's eight maps of two robots.",
-    "crowds": "The paper's map of four robots, and one map with four, six and eight.",
-    "unseen2-pairs": "36 generated buildings of two robots, never tuned on.",
-    "unseen2-four": "24 generated buildings of four robots, never tuned on.",
-    "unseen2-eight": "12 generated buildings of eight robots, never tuned on.",
-    "swap-pairs": "24 generated buildings of two robots, never tuned on; robots that exchange "
-    "cells pay.",
-    "block-pairs": "24 generated buildings of two robots, never tuned on; each cell holds one "
-    "robot.",
-    "help-pairs": "24 generated buildings of two robots, never tuned on; robots that come to two "
-    "help places are paid.",
-    "percepts": "env1, env2-2r and pentagon; percepts fail half of the time, or behind walls, or "
-    "beyond two cells.",
-}
-"""The lists of the leaderboard, in words."""
 
 SAMPLED = tuple(name for name in LISTS if "-" in name)
 """Lists of buildings that stand for others of their kinds. Those of the other lists stand for

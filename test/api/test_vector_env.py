@@ -33,7 +33,7 @@ CASES = [
     ("env2-2r", {"interactions": "block:anywhere"}),
     ("crowd-8r", {"interactions": "together:anywhere+swap"}),
     ("env2-4r", {"interactions": "together+swap+block"}),
-    ("lift", {"interactions": "swap+help:7", "common_reward": "each:1:0.5"}),
+    ("env1", {"interactions": "swap", "common_reward": "each:1:0.5"}),
 ]
 """Two, three, four and eight robots; percepts that fail for each kind of reason; interactions."""
 

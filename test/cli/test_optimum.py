@@ -7,9 +7,7 @@ import json
 import pytest
 
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.asking_search import WARNING
-from sparse_coord_ros.core.solve.optimum import joint_outcomes
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 
 
@@ -54,27 +52,6 @@ def test_numbers_of_the_horizon_are_named(sparse_coord):
         "Shortest paths are evaluated within the horizon of 20 steps; the other values have no "
         "horizon."
     )
-
-
-def test_a_short_horizon_is_not_put_down_to_help(sparse_coord):
-    said = "help pays more than arriving; choose a smaller reward"
-    too_much = ("optimum", "lift", "--set", "interactions=help:30")
-    assert said in sparse_coord(*too_much)[1]
-    out = sparse_coord("optimum", "lift", "--set", "horizon=1")[1]
-    assert "all robots arrive in 0 % of the episodes" in out and said not in out
-
-
-def test_a_game_with_help_is_solved_once(sparse_coord, monkeypatch):
-    solved = []
-
-    def counted(scenario):
-        solved.append(scenario.name)
-        return joint_outcomes(scenario)
-
-    monkeypatch.setattr(optimum, "joint_outcomes", counted)
-    code, out, _ = sparse_coord("optimum", "lift", "--set", "interactions=help:21")
-    assert code == 0 and "exact joint optimum" in out
-    assert solved == ["lift"]
 
 
 @pytest.fixture

@@ -124,16 +124,8 @@ INTERACTIONS = {
     ),
     "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
     "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
-    "help, coop": ("lift", "coop", {"max_steps": 30}),
-    "help, factored": ("lift", "factored", {"perception": "probability:0.7"}),
-    "help, hysteretic": ("lift", "hysteretic", {"starts": "mixed:0.5"}),
-    "help that costs, factored": (
-        "lift",
-        "factored",
-        {"interactions": "together:anywhere+swap+block:anywhere+help:5", "penalty": -9},
-    ),
 }
-"""Robots that exchange cells, stop each other, and help each other: not in 1.0.0."""
+"""Robots that exchange cells and stop each other: not in 1.0.0."""
 
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),

@@ -34,7 +34,6 @@ MAPS = {
     "aisle": "e749f90ad712d9d9",
     "floor": "1dff405d66492c21",
     "lane": "a7982b106951ac4b",
-    "lift": "6ff14d6f6d531547",
 }
 """The shipped maps, with the digest of their rows."""
 

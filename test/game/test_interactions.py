@@ -15,11 +15,8 @@ from sparse_coord_ros.core.game.interactions import (
     as_lists,
     can_miscoordinate,
     ends_of_two,
-    help_given,
-    help_of_two,
     interacting,
     interactions_of,
-    is_help,
     miscoordinate,
     miscoordinate_two,
     miscoordinations,
@@ -27,8 +24,6 @@ from sparse_coord_ros.core.game.interactions import (
     settled,
 )
 from sparse_coord_ros.core.game.scenario import parse_yaml, scenario_from_dict
-from sparse_coord_ros.core.game.streams import EVALUATION
-from sparse_coord_ros.core.game.world import Action, World
 
 CORRIDOR = """
 map: {name: corridor, text: "---\\n1.DD2"}
@@ -37,12 +32,6 @@ robots:
   b: {start: 2, goal: 1}
   c: {start: 2, goal: 1}
 """
-AWAY = {
-    "a": {"start": 1, "goal": 2},
-    "b": {"start": 2, "goal": 1},
-    "c": {"start": 2, "goal": [0, 4]},
-}
-"""Robots that go to both ends and to the second cell from the right."""
 STATES = np.array(list(product(range(5), repeat=3)))
 TEAM = [0, 1, 2]
 
@@ -154,8 +143,6 @@ def test_a_narrow_cell_holds_one_robot(before, wanted, after, partners):
         ("swap", "1...2", True),
         ("block", "1.DD2", False),
         ("block:anywhere", "1.DD2", False),
-        ("help:20", "1HH.2", False),
-        ("swap+help:20", "1HH.2", True),
     ],
 )
 def test_where_nobody_pays_nobody_miscoordinates(interactions, text, can):
@@ -236,80 +223,3 @@ def test_two_robots_end_as_a_team_of_two(kinds):
             paid = miscoordinate(listed, [x, z], ends, [0, 1])
             assert miscoordinate_two(inter, x, z, *ends) == paid
     assert differ >= 20
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "helped"),
-    [
-        ((1, 0, 0), (1, 2, 0), True),
-        ((0, 1, 0), (1, 2, 0), True),
-        # They stay, or exchange their help places, or a third one comes: paid already.
-        ((1, 2, 0), (1, 2, 0), False),
-        ((1, 2, 0), (2, 1, 0), False),
-        ((1, 2, 0), (1, 2, 2), False),
-        ((1, 2, 2), (1, 1, 2), False),
-        # One help place does not do, nor does the one that is a goal.
-        ((1, 0, 0), (1, 1, 0), False),
-        ((1, 3, 0), (1, 4, 0), False),
-        # The third robot takes the place of the second.
-        ((1, 2, 3), (1, 3, 2), False),
-        ((1, 3, 3), (1, 3, 2), True),
-    ],
-)
-def test_help_is_paid_when_the_second_robot_comes(before, after, helped):
-    inter = corridor("help:3", text="1HH2H", robots=AWAY)
-    assert inter.posts.tolist() == [False, True, True, False, False]
-    lists = as_lists(inter)
-    assert is_help(lists, before, after, TEAM) == helped
-    partners = [interacting(lists, before, after, after, TEAM, k) for k in TEAM]
-    there = [k for k in TEAM if helped and after[k] in (1, 2)]
-    assert partners == [
-        sum(1 << j for j in there if j != k) if k in there else 0 for k in TEAM
-    ]
-
-
-def test_help_is_the_same_in_loops_and_arrays_and_of_two():
-    inter = corridor("help:3", text="1HH2H", robots=AWAY)
-    lists = as_lists(inter)
-    before = STATES.repeat(len(STATES), axis=0)
-    after = np.tile(STATES, (len(STATES), 1))
-    found = help_given(inter, before.T, after.T)
-    steps = list(zip(before.tolist(), after.tolist(), strict=True))
-    assert found.tolist() == [is_help(lists, x, y, TEAM) for x, y in steps]
-    assert 0 < found.sum() < len(found)
-    for (x, z, _), (y, w, _) in steps:
-        assert help_of_two(lists, x, z, y, w) == is_help(lists, (x, z), (y, w), (0, 1))
-
-
-def test_help_in_cells_that_are_not_known_is_none():
-    inter = corridor("help:3", text="1HH2H", robots=AWAY)
-    assert help_given(inter, [1, -1, 0], [1, 2, 0]).item()
-    assert not help_given(inter, [1, 0, 0], [1, -1, 0]).item()
-
-
-def test_help_needs_two_help_places():
-    text = "needs two help places, map corridor has 1 that is no goal; mark them by 'H'"
-    with pytest.raises(ScenarioError, match=text):
-        corridor("help:3", text="1H.2H", robots=AWAY)
-
-
-@pytest.mark.parametrize("reward", [3.0, 0.0])
-def test_help_is_paid_to_every_robot_of_a_team(reward):
-    robots = {"a": (1, [0, 4]), "b": (2, [0, 4]), "c": (2, [0, 4])}
-    scenario = drawn(
-        "1HH2.",
-        robots,
-        interactions=f"together:anywhere+help:{reward}",
-        penalty=-8,
-        move_success=1,
-        common_reward="each:1:0.5:0",
-    )
-    world = World(scenario, 0, phase=EVALUATION)
-    east, west = (Action(move, False, -1, False) for move in (2, 3))
-    outcome = world.advance([east, west, west])
-    assert outcome.miscoordination
-    common = [one.common for one in outcome.rewards]
-    assert common == [reward - 8, 0.5 * (reward - 8), 0]
-    world.advance([west, west, east])
-    again = world.advance([east, east, east])
-    assert [one.common for one in again.rewards] == [reward, 0.5 * reward, 0]

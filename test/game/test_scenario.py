@@ -41,7 +41,6 @@ CROWD = {
 TEACHING = {
     "aisle": ("aisle", 8, 100_000, [(0, 8), (0, 0)]),
     "lane": ("lane", 10, 100_000, [(0, 8), (0, 0)]),
-    "lift": ("lift", 6, 100_000, [(0, 6), (2, 6)]),
     "floor-4r": ("floor", 10, 100_000, [(3, 7), (3, 0), (0, 7), (0, 0)]),
 }
 SHIPPED = SCENARIOS | CROWD | TEACHING

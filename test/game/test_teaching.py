@@ -67,15 +67,3 @@ def test_robots_that_ignore_each_other_lose(
     assert reward <= most * alone
     assert conflicts[0] <= found <= conflicts[1]
     assert arrivals[0] <= arrived <= arrivals[1]
-
-
-def test_robots_that_ignore_each_other_seldom_help():
-    """Beside robots alone in the world they earn only what help pays them by chance."""
-    scenario = load_scenario("lift")
-    assert scenario.interactions == "help:20"
-    alone = np.mean(
-        [lone_values(scenario, k)[r.start].max() for k, r in enumerate(scenario.robots)]
-    )
-    reward, found, arrived = ignoring(scenario)
-    assert (found, arrived) == (0, 1)
-    assert 3 <= reward - alone <= 8

@@ -10,7 +10,6 @@ import pytest
 from sparse_coord_ros.base.errors import ScenarioError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.unseen import (
-    HELPING,
     KINDS,
     TEAMS,
     VERSIONS,
@@ -30,27 +29,6 @@ def test_version_1_is_what_it_was():
     games = [load_scenario(name).computation() for name in names]
     said = json.dumps([[game["map"], game["robots"]] for game in games])
     assert hashlib.sha256(said.encode()).hexdigest()[:16] == "7f99b5fb5cdb6af8"
-
-
-@pytest.mark.parametrize("team", TEAMS)
-@pytest.mark.parametrize("kind", KINDS)
-def test_help_places_are_all_that_such_a_building_has_more(kind, team):
-    for seed in range(6):
-        plain = load_scenario(f"{VERSIONS[0]}-{kind}-{team}r-{seed}")
-        helped = load_scenario(f"{VERSIONS[0]}-{kind}-{team}r-2h-{seed}")
-        assert (split_of(helped.name), team_of(helped.name)) == (
-            split_of(plain.name),
-            team,
-        )
-        assert helped.robots == plain.robots
-        assert [row.replace("H", ".") for row in helped.map.rows] == list(
-            plain.map.rows
-        )
-        ends = {cell for robot in plain.robots for cell in (robot.start, robot.goal)}
-        assert len(helped.map.help_places) == 2
-        assert helped.help_places == sorted(helped.map.help_places)
-        assert not helped.map.help_places & ends
-        assert helped.interactions == HELPING
 
 
 @pytest.mark.parametrize("team", TEAMS)

@@ -13,7 +13,6 @@ from sparse_coord_ros.base.palette import (
     ANSWERED,
     DOORWAY_COLOUR,
     FAILED,
-    HELP_COLOUR,
     OUTCOME_COLOURS,
     OUTCOME_SIGNS,
     REFUSED,
@@ -121,25 +120,6 @@ def test_a_miscoordination_is_marked():
     assert all(near(pictures[1], colour).sum() > 100 for colour in ROBOT_COLOURS[:2])
 
 
-def test_help_is_marked():
-    """Help places always; the step in which the second robot comes to its help place alone."""
-    lift = load_scenario("lift")
-    number = lift.map.number
-    wait = [number[0, 4], number[2, 5]]
-    both = [number[0, 5], number[2, 5]]
-    pictures = films.EpisodePictures(lift, episode([wait, both, both]), "t")
-    moments = [pictures.at(0, 0.0), pictures.at(0, 1.0), pictures.at(1, 1.0)]
-    waits, helped, stay = (
-        near(np.asarray(one.convert("RGB")).astype(int), HELP_COLOUR).sum()
-        for one in moments
-    )
-    assert min(waits, stay) > 100
-    assert helped > 1.5 * max(waits, stay)
-    pictures.at(0, 1.0)
-    told = pictures.caption.get_text().split("\n")
-    assert told == ["step 1 of 2", "robot_1 and robot_2 help each other."]
-
-
 def test_many_questions_are_told_in_few_words_and_hide_no_robot():
     crowd = load_scenario("crowd-8r")
     asks = [
@@ -179,7 +159,6 @@ def test_every_colour_is_in_the_palette():
         *ROBOT_COLOURS,
         *OUTCOME_COLOURS.values(),
         DOORWAY_COLOUR,
-        HELP_COLOUR,
     ):
         assert np.abs(palette - np.array(rgb(colour)) * 255).max(axis=1).min() <= 1
 

@@ -189,29 +189,6 @@ def test_a_robot_that_asks_and_is_stopped_says_by_which_one():
     assert told.endswith("robot_2 stays: its move west fails.")
 
 
-def test_a_robot_in_a_help_place():
-    words = Narrator(load_scenario("lift"))
-    assert words.does(0, 4, EAST, 5) == "goes on to a help place"
-    assert words.does(0, 5, NORTH, 5) == "waits in a help place"
-    assert words.does(0, 5, EAST, 6) == "goes on"
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "said"),
-    [
-        ([(0, 4), (2, 5)], [(0, 5), (2, 5)], ["robot_1 and robot_2 help each other."]),
-        ([(0, 5), (2, 5)], [(0, 5), (2, 5)], []),
-        ([(0, 4), (2, 4)], [(0, 5), (2, 4)], []),
-    ],
-)
-def test_help_in_a_sentence(before, after, said):
-    scenario = load_scenario("lift")
-    seen = one_step(scenario, before, after, (EAST, EAST))
-    assert Narrator(scenario).interactions(seen) == said
-    unknown = seen._replace(after=(seen.after[0], None))
-    assert Narrator(scenario).interactions(unknown) == []
-
-
 @pytest.mark.parametrize(
     ("share", "told"), [(1.0, ""), (0.9995, ""), (0.998, "99.8 %"), (0.0, "0 %")]
 )

@@ -47,8 +47,6 @@ def test_rules(settings, due):
     ) or "No" in said
 
 
-def test_robots_that_only_block_or_help_pay_nothing():
+def test_robots_that_only_block_pay_nothing():
     said = rules_in_words(load_scenario("env1", interactions="block"))
     assert said == "A doorway holds one robot. A question costs 1."
-    said = rules_in_words(load_scenario("lift"))
-    assert said == "Robots that help each other are paid for it. A question costs 1."

@@ -33,8 +33,8 @@ DOOR = """\
 map: {name: door, text: "title: door\\n---\\n1D2\\n"}
 robots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}
 """
-LOAD = """\
-map: {name: load, text: "title: load\\n---\\n1HHD2\\n"}
+LANE = """\
+map: {name: lane, text: "title: lane\\n---\\n1..D2\\n"}
 robots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}
 """
 
@@ -65,8 +65,8 @@ GAMES = {
         {"record": True},
     ),
     "hysteretic": (
-        LOAD,
-        {"steps": 200, "interactions": "swap+block+help:20", "max_steps": 30},
+        LANE,
+        {"steps": 200, "interactions": "swap+block", "max_steps": 30},
         {"record": True},
     ),
     "cq": (
@@ -78,7 +78,7 @@ GAMES = {
 """Of each learner: a game that shows what its robots say to one another, its settings, and how the
 team is run. Percepts fail; robots perceive all peers, and are paid differently; robots know with
 whom they interacted; robots mark cells; robots
-stop each other, pay for exchanges, and are paid for help."""
+stop each other, and pay for exchanges."""
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_the_games_show_what_they_are_for(played):
     assert any(len(tables.memory["rho_keys"]) for tables in factored.tables)
     _, _, hysteretic, _ = played("hysteretic")
     common = {reward.common for reward in hysteretic.rewards.values()}
-    assert common == {0.0, 20.0, -20.0}
+    assert common == {0.0, -20.0}
     _, _, cq, _ = played("cq")
     assert all((tables.q_coord.std(axis=1) > 0).any() for tables in cq.tables)
 

@@ -90,14 +90,14 @@ def test_the_team_ends_when_the_world_fails(bench, tmp_path):
     recorder = bench.recorder(tmp_path / "bag")
     robot = bench.robot("robot_1", out=str(tmp_path))
     world = bench.world()
-    bench.spin_until(lambda: robot.member and recorder.recording, "they follow the run")
+    bench.spin_until(lambda: robot.member and recorder.run, "they follow the run")
     world.startup_timeout = 0.001
     with pytest.raises(RunError, match="^after .* robot_2"):
         bench.spin_until(lambda: False)
     world.finish(interrupted=True)  # as `run_node` does
     bench.destroy(world)
     bench.spin_until_done(robot, recorder)
-    assert_bag_is_whole(tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
 
 
 MAINS = {

@@ -20,7 +20,9 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Progress
 from sparse_coord_ros.ros.nodes import parameters, robot, ros_topics
+from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import Member, RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
@@ -125,9 +127,11 @@ def test_a_second_world_stops(bench, looking):
 
 def ends_without(bench, world, *missing, start):
     """Let a world give up once it lacks just these; it names them, and what starts the first."""
-    bench.spin_until(
-        lambda: world.topics.missing() == [*missing], f"it lacks {missing}"
-    )
+
+    def lacks():
+        return hasattr(world, "restart") and world.restart.silent == [*missing]
+
+    bench.spin_until(lacks, f"it lacks {missing}")
     world.startup_timeout = 0.001
     text = f"^after .* {re.escape(', '.join(missing))};.*: ros2 run "
     text += re.escape(f"sparse_coord_ros {start}") + "$"
@@ -145,10 +149,9 @@ def test_robots_that_are_missing_are_named(bench, monkeypatch):
 
 
 def test_a_recorder_that_is_missing_is_named(bench):
-    """The robots wait for it too."""
     world = bench.world(recorded=True)
     bench.robots()
-    ends_without(bench, world, "robot_1", "robot_2", "recorder", start="recorder")
+    ends_without(bench, world, "recorder", start="recorder")
 
 
 def test_a_robot_that_is_missing_in_a_namespace_is_started_there(bench):
@@ -306,8 +309,20 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     mine.create_subscription(
         state.type, state.of("robot_2"), lambda said: None, state.qos
     )
+    progress = ros_topics.PROGRESS
+    says = mine.create_publisher(progress.type, progress.of("robot_2"), progress.qos)
+
+    def say(attempt):
+        values = Progress((), attempt).values()
+        says.publish(status("robot_2", "progress", values))
+
+    say(NO_ATTEMPT)
+    bench.spin_until(lambda: hasattr(world, "restart"), "it has opened")
+    bench.spin_until(lambda: world.restart.order.attempt, "both are there")
+    say(world.restart.order.attempt)
     lacks = "robot_2 (it lacks a subscription to /robot_2/reward)"
-    bench.spin_until(lambda: lacks in world.topics.missing(), "it is half there")
+    bench.spin_until(lambda: not world.restart.waiting, "both have begun")
+    bench.spin_until(lambda: world.topics.missing() == [lacks], "it is half there")
     world.startup_timeout = 0.001
     with pytest.raises(RunError, match=re.escape(lacks)):
         bench.spin_until(lambda: False)

@@ -121,7 +121,7 @@ def test_details_have_the_row_of_the_newest_tables(good):
         for k in range(2):
             if f"robot_{k + 1}_0" in one.name:
                 takes[f"/robot_{k + 1}/tables"](
-                    serialize_message(tables_message(one.data, 0, ""))
+                    serialize_message(tables_message(one.data, 0, "", ""))
                 )
                 [saved] = unpack_saved(one.data, [k + 1], where=one.name)
                 tables[k] = tables_of(good.run.scenario, good.run.rule, k, saved.memory)
@@ -160,7 +160,7 @@ def test_reasons_are_told_of_robots_whose_tables_were_heard(good):
     _, takes, view = heard_of(good.run)
     for one in open_bag(good.bag).attachments:
         if "robot_2" in one.name:
-            message = tables_message(one.data, 0, "start")
+            message = tables_message(one.data, 0, "begin", "")
             takes["/robot_2/tables"](serialize_message(message))
     told = {0: set(), 1: set()}
     for message in open_bag(good.bag).messages(set(takes)):

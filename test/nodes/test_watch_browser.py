@@ -13,7 +13,6 @@ from PIL import Image
 from teams import tables_in
 
 from sparse_coord_ros.core.game.actions import COORDINATE
-from sparse_coord_ros.core.game.interactions import help_given, interactions_of
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import TeamTransition
@@ -170,7 +169,7 @@ def test_trails_follow_the_cells_though_frames_are_skipped(tab, start, bag):
 
 
 QUIET = {"miscoordination": False, "interactions": []}
-QUIET |= {"together": [], "exchanges": [], "stopped": [], "helped": []}
+QUIET |= {"together": [], "exchanges": [], "stopped": []}
 """Of a frame in which robots do not interact."""
 
 
@@ -988,60 +987,3 @@ def test_a_picture_without_a_yaml_file_and_a_corridor(tab, start, tmp_path):
     wait_for(tab, f"{text_of('saved')}.includes('lane.yaml')")
     assert load_scenario(out / "lane.yaml").interactions == "swap+block"
     assert "resolution: 0.1" in (tmp_path / "lane.yaml").read_text()
-
-
-def test_help_of_a_bag_has_a_lane_a_button_and_a_curve(tab, start, record):
-    """Miscoordinations, which there cannot be, stand nowhere; a button leads to the next help."""
-    bag = record("lift", settings={"steps": 2000}).bag
-    process = start("cli.main", "watch", str(bag), "--port", "0", "--step", "1")
-    visit(tab, address_of(process))
-    wait_for(tab, "document.getElementById('foot').dataset.read === '1'")
-    wait_for(tab, "document.querySelector('button.help').disabled === false")
-    assert tab.locator("#lanes .mark.help").get_attribute("d")
-    titles = "[...document.querySelectorAll('.chart')].filter((one) => !one.hidden)"
-    shown = tab.evaluate(f"{titles}.map((one) => one.querySelector('h2').textContent)")
-    assert "Help in an episode (times)" in shown
-    assert "iscoordination" not in tab.evaluate("document.body.innerText")
-    log = read_run(bag)
-    inter = interactions_of(log.run.scenario)
-    helped = help_given(inter, log.cells[:-1].T, log.cells[1:].T)
-    helped &= np.diff(log.step) == 1
-    tab.keyboard.press(" ")
-    wait_for(tab, "document.getElementById('state').textContent === 'paused'")
-    tab.keyboard.press("Home")
-    wait_for(tab, f"{STEP} < {log.step[:-1][helped][0]}")
-    tab.click("button.help")
-    wait_for(tab, f"{STEP} === {log.step[:-1][helped][0]}")
-    assert tab.locator("#map .helped").count() == 2
-    assert tab.evaluate(text_of("now")) == "robot_1 and robot_2 help each other."
-
-
-def test_the_map_marks_help(tab):
-    """Help places always; a tick where robots help each other, in that step alone."""
-    run = make_run(load_scenario("lift"), {})
-    board = MessageBoard()
-    board.put(
-        "run", source="live", title="made up", controls=(), **messages.run_fields(run)
-    )
-    server = Server(board, port=0)
-    tab.goto(server.address)
-
-    narrator = Narrator(run.scenario)
-
-    def show(step, cells, after):
-        seen = TeamTransition(step, cells, (None, None), after, False)
-        frame = messages.frame_fields(seen, [[cell] for cell in cells], narrator)
-        state = {"state": "learning", "rate": 0, "speed": None}
-        board.put("frame", **frame, **state, transitions=step, episode=0)
-        wait_for(tab, f"{STEP} === {step}")
-        return tab.evaluate("document.querySelectorAll('#map .helped').length")
-
-    assert show(1, (4, 12), (5, 12)) == 2
-    assert show(2, (5, 12), (5, 12)) == 0
-    assert show(3, (4, 11), (5, 11)) == 0
-    assert tab.evaluate("document.querySelectorAll('#map rect.help-place').length") == 2
-    page = tab.evaluate("document.body.innerText")
-    assert "help place" in page
-    for absent in ("doorway", "iscoordination", "rossing", "penalty"):
-        assert absent not in page, "the scenario has none"
-    server.close()

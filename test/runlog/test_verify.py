@@ -196,6 +196,11 @@ def test_a_rewritten_log_is_still_identical(alter):
     assert alter(change).same
 
 
+def test_a_log_whose_topics_come_one_after_the_other_is_identical(alter):
+    """As `pymcap-cli rechunk` writes it."""
+    assert alter(lambda messages: sorted(messages, key=lambda one: one.topic)).same
+
+
 @pytest.mark.parametrize(
     ("label", "value", "said"),
     [

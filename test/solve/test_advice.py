@@ -3,12 +3,12 @@
 """Whether coordination will pay: loss, ratio and possible gain, and the words for them."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from teams import drawn
 
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.advice import (
     AVOIDABLE,
     LEAST_RELATIVE_GAIN,
@@ -22,9 +22,7 @@ from sparse_coord_ros.core.solve.advice import (
     loss_of_ignoring,
     relative_gain,
 )
-from sparse_coord_ros.core.solve.group_bound import without_others
-from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.optimum import independent_bound
 
 MEETING = "1D2"
 """Both robots are in the doorway after the first step, for certain, and not again."""
@@ -130,7 +128,8 @@ def test_robots_that_can_avoid_each_other_need_not_ask():
 
 
 def test_one_robot_has_nobody_to_ask():
-    found = advice(without_others(load_scenario("env1"), [0]))
+    pair = load_scenario("env1")
+    found = advice(replace(pair, robots=pair.robots[:1]))
     assert (found.kind, found.loss) == (WILL_NOT_PAY, 0.0)
     assert found.text == "With one robot there is nobody to ask."
 
@@ -138,26 +137,3 @@ def test_one_robot_has_nobody_to_ask():
 def test_in_questions():
     scenario = load_scenario("env1", ask_cost=0.5)
     assert in_questions(3.0, scenario) == 6.0
-
-
-def test_where_robots_help_the_gain_is_up_to_the_optimum():
-    """A team earns more there than robots alone in the world: there is nothing to avoid."""
-    scenario = load_scenario("lift")
-    found = advice(scenario)
-    assert (found.kind, found.loss) == (WILL_PAY, 0.0)
-    paths = shortest_path_reference(scenario).returns
-    assert found.gain == pytest.approx(joint_optimum(scenario).value - paths)
-    assert (
-        f"a team can gain {found.gain:.2f} each, as much as 4.7 questions" in found.text
-    )
-    assert advice(load_scenario("lift", ask_cost=5)).kind == WILL_NOT_PAY
-    assert advice(load_scenario("lift", ask_cost=2)).kind == MAY_PAY
-    never = advice(load_scenario("lift", interactions="help:0"))
-    assert never.gain == 0.0
-
-
-def test_of_help_in_larger_teams_only_a_bound_is_known(monkeypatch):
-    monkeypatch.setattr(optimum, "MOST_JOINT_STATES", 195)
-    found = advice(load_scenario("lift"))
-    assert found.kind == MAY_PAY
-    assert "can gain at most" in found.text

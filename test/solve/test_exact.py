@@ -23,7 +23,6 @@ from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact, exa
 GAMMA = 0.95
 TRIALS = 10_000
 ROOMS = "1..D...\n.#.#.#.\n...D..2"
-HELP_PLACES = "1..H...\n.#.#.#.\n.H.H.H2"
 
 
 def made(grid=ROOMS, robots=None, **settings):
@@ -99,11 +98,6 @@ CASES = {
     "block anywhere": {"interactions": "block:anywhere", "perception": "range:2"},
     "together and swap": {"interactions": "together+swap", "penalty": -50},
     "all": {"interactions": "together:any_doorway+swap+block:anywhere", "horizon": 30},
-    "help": {
-        "grid": HELP_PLACES,
-        "interactions": "help:9",
-        "common_reward": "each:0.5:2",
-    },
     "short": {"horizon": 12},
     "slow": {"move_success": 0.4, "discount": 0.8, "goal_reward": 3},
 }

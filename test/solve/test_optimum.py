@@ -3,7 +3,6 @@
 """The exact joint optimum: the study's values, maps solved by hand, bounds."""
 
 import itertools
-import math
 
 import pytest
 
@@ -14,13 +13,10 @@ from sparse_coord_ros.core.game.interactions import (
     settle,
 )
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.solve import optimum
 from sparse_coord_ros.core.solve.optimum import (
     SOLVED,
     independent_bound,
     joint_optimum,
-    optimum_and_arrivals,
-    upper_bound,
 )
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
@@ -214,8 +210,7 @@ KINDS = [
     "block:anywhere",
     "together+swap",
     "together:anywhere+swap+block",
-    "help:30",
-    "together+swap+block:anywhere+help:2",
+    "together+swap+block:anywhere",
 ]
 
 
@@ -224,7 +219,7 @@ def test_it_is_what_brute_force_finds(make, interactions):
     """Three robots; each step by the rules of teams in plain Python."""
     robots = {"a": ([0, 0], [0, 3]), "b": ([0, 3], [0, 0]), "c": ([1, 1], [0, 2])}
     scenario = make(
-        "HHD.\n#H##",
+        "..D.\n#.##",
         robots,
         interactions=interactions,
         move_success=0.7,
@@ -234,11 +229,6 @@ def test_it_is_what_brute_force_finds(make, interactions):
     assert joint_optimum(scenario).value == pytest.approx(
         brute_force(scenario), abs=1e-6
     )
-
-
-def two_help(inter, cells):
-    """Return whether robots are in two help places."""
-    return len({x for x in cells if inter.posts[x]}) >= 2
 
 
 def brute_force(scenario, sweeps=50):
@@ -262,8 +252,6 @@ def brute_force(scenario, sweeps=50):
             paid *= scenario.goal_reward
             if miscoordinate(inter, state, ends, members):
                 paid += sum(scenario.penalties)
-            if two_help(inter, ends) and not two_help(inter, state):
-                paid += sum(scenario.help_rewards)
             outcomes[state, wanted] = tuple(ends), paid / len(goals)
     value = dict.fromkeys(itertools.product(cells, repeat=len(goals)), 0.0)
     home = scenario.goal_reward / (1 - scenario.discount)
@@ -297,46 +285,3 @@ def expected_worth(worth, state, joint, p):
                 chance *= p if y == way[1] else 1 - p
         total += chance * worth[state, wanted]
     return total
-
-
-def test_the_optimum_of_help_is_what_brute_force_finds():
-    """With moves of 0.8 and a discount of 0.95, on the whole map of the scenario."""
-    scenario = load_scenario("lift")
-    assert joint_optimum(scenario).value == pytest.approx(153.7909, abs=1e-3)
-    assert brute_force(scenario, sweeps=250) == pytest.approx(153.7909, abs=1e-3)
-
-
-@pytest.mark.parametrize("reward", [0, 20, 200])
-def test_no_team_earns_more_than_the_bound_where_robots_help(monkeypatch, reward):
-    """With 200 they go in and out of their places for ever."""
-    scenario = load_scenario("lift", interactions=f"help:{reward}")
-    value = joint_optimum(scenario).value
-    alone = independent_bound(scenario)
-    assert value >= alone - 1e-6
-    assert value <= upper_bound(scenario) + 1e-6
-    assert (value > alone + 1) == (reward > 0)
-    monkeypatch.setattr(optimum, "MOST_JOINT_STATES", 195)
-    found = joint_optimum(scenario)
-    assert (found.exact, found.value) == (False, upper_bound(scenario))
-
-
-@pytest.mark.parametrize(("reward", "share"), [(20, 1.0), (24, 1.0), (30, 0.0)])
-def test_a_help_reward_that_is_too_large_keeps_the_optimum_from_arriving(reward, share):
-    scenario = load_scenario("lift", interactions=f"help:{reward}")
-    found, arrives = optimum_and_arrivals(scenario)
-    assert found == joint_optimum(scenario)
-    assert arrives == pytest.approx(share, abs=1e-3)
-
-
-def test_a_best_policy_without_help_arrives_as_robots_alone_do():
-    """Far from each other each arrives by itself: moves of 0.8, a horizon of ten steps."""
-    scenario = load_scenario("lift", interactions="help:0", horizon=10)
-    far = [
-        scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots
-    ]
-    alone = [
-        sum(math.comb(10, k) * 0.8**k * 0.2 ** (10 - k) for k in range(moves, 11))
-        for moves in far
-    ]
-    _, arrives = optimum_and_arrivals(scenario)
-    assert arrives == pytest.approx(math.prod(alone), abs=1e-9)

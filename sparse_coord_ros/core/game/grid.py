@@ -4,7 +4,7 @@
 
 A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
 `resolution`, `origin` and `radius`), a line `---`, then the grid: one line a row, `#` wall, `.`
-free, `D` doorway (free), `H` help place (free), a digit 1 to 9 a start (free).
+free, `D` doorway (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
@@ -28,8 +28,7 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS
 WALL = "#"
 FREE = "."
 DOORWAY = "D"
-HELP = "H"
-SYMBOLS = "'#' wall, '.' free, 'D' doorway, 'H' help place, '1' to '9' start"
+SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
 UNREACHABLE = -1
 
 CLEAR = 0.07
@@ -111,13 +110,6 @@ class GridMap:
         """The cells that are doorways, by their numbers; a doorway may have several cells."""
         return frozenset(
             x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == DOORWAY
-        )
-
-    @cached_property
-    def help_places(self) -> frozenset[int]:
-        """The cells in which robots can help each other, by their numbers."""
-        return frozenset(
-            x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == HELP
         )
 
     @property

@@ -7,13 +7,10 @@ A scenario names its kinds of interaction, such as `together+swap`:
 - `together`: two robots end a step in one doorway (paper, Section 4). All pay r^C.
 - `swap`: two robots exchange their cells in a step. All pay r^C.
 - `block`: a doorway holds one robot; a second one that wants in stays where it is. Nobody pays.
-- `help`: a step after which two robots are in two help places, and before which no two were. All
-  are paid r^C, which is above 0.
 
-A step that costs r^C is a *miscoordination*; help is none. `together` and `block` can also hold
-anywhere on the map. Goals are exempt from `swap`, `block` and `help`, and from
-`together:anywhere`: they hold any number of robots, and robots that have arrived are in nobody's
-way.
+A step that costs r^C is a *miscoordination*. `together` and `block` can also hold anywhere on the
+map. Goals are exempt from `swap` and `block`, and from `together:anywhere`: they hold any number
+of robots, and robots that have arrived are in nobody's way.
 
 The rules of `block`: a robot may follow one that leaves a cell, and robots may go around in a
 circle. It may not enter a cell whose robot comes towards it. Of several that want into a free cell
@@ -45,8 +42,6 @@ class Interactions(NamedTuple):
         passages: whether a cell can be exchanged [x].
         blocks: whether any cell holds only one robot.
         narrow: whether a cell holds only one robot [x].
-        helps: whether robots can help each other.
-        posts: whether a cell is a help place [x].
     """
 
     places: Any
@@ -54,8 +49,6 @@ class Interactions(NamedTuple):
     passages: Any
     blocks: bool
     narrow: Any
-    helps: bool
-    posts: Any
 
 
 def interactions_of(scenario: Scenario) -> Interactions:
@@ -71,24 +64,13 @@ def interactions_of(scenario: Scenario) -> Interactions:
     if "block" in kinds:
         narrow[_where(scenario, kinds["block"])] = True
         narrow[exempt] = False
-    posts = np.zeros(cells, dtype=bool)
-    if "help" in kinds:
-        posts[scenario.help_places] = True
     return Interactions(
         places=_places(scenario, kinds.get("together")),
         swaps=bool(passages.any()),
         passages=passages,
         blocks=bool(narrow.any()),
         narrow=narrow,
-        helps=bool(posts.any()),
-        posts=posts,
     )
-
-
-def can_interact(scenario: Scenario) -> bool:
-    """Return whether there is any cell in which robots interact."""
-    inter = interactions_of(scenario)
-    return inter.blocks or inter.helps or can_miscoordinate(inter)
 
 
 def can_miscoordinate(inter: Interactions) -> bool:
@@ -101,7 +83,7 @@ def only_together(inter: Interactions) -> bool:
 
     If so, no robot changes where another one goes, and it does not matter where they come from.
     """
-    return not (inter.swaps or inter.blocks or inter.helps)
+    return not (inter.swaps or inter.blocks)
 
 
 def check_only_together(scenario: Scenario, what: str, remedy: str) -> None:
@@ -126,7 +108,6 @@ def of_cells(inter: Interactions, cells: np.ndarray) -> Interactions:
         places=inter.places[cells],
         passages=inter.passages[cells],
         narrow=inter.narrow[cells],
-        posts=inter.posts[cells],
     )
 
 
@@ -138,8 +119,6 @@ def none_of(inter: Interactions) -> Interactions:
         passages=np.zeros_like(inter.passages),
         blocks=False,
         narrow=np.zeros_like(inter.narrow),
-        helps=False,
-        posts=np.zeros_like(inter.posts),
     )
 
 
@@ -149,7 +128,6 @@ def as_lists(inter: Interactions) -> Interactions:
         places=inter.places.tolist(),
         passages=inter.passages.tolist(),
         narrow=inter.narrow.tolist(),
-        posts=inter.posts.tolist(),
     )
 
 
@@ -188,12 +166,6 @@ def exchanged(passages: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
     All are numbers, or arrays of one shape.
     """
     return (x != y) & (x == w) & (y == z) & passages[x] & passages[y]
-
-
-@inner
-def help_each_other(posts: Any, x: Any, y: Any) -> Any:
-    """Return whether robots in cells x and y are in two help places: a bool, or an array."""
-    return (x != y) & posts[x] & posts[y]
 
 
 @inner
@@ -245,14 +217,6 @@ def miscoordinate_two(inter: Interactions, x: int, z: int, y: int, w: int) -> bo
     if together(inter.places[y], inter.places[w]):
         return True
     return bool(inter.swaps and exchanged(inter.passages, x, y, z, w))
-
-
-@inner
-def help_of_two(inter: Interactions, x: int, z: int, y: int, w: int) -> bool:
-    """Return whether two robots are paid for help in a step from x to y and from z to w."""
-    if not inter.helps or not help_each_other(inter.posts, y, w):
-        return False
-    return not help_each_other(inter.posts, x, z)
 
 
 # A team.
@@ -336,29 +300,6 @@ def any_exchange(passages: Any, before: Any, cells: Any, members: Any) -> bool:
 
 
 @inlined
-def is_help(inter: Interactions, before: Any, cells: Any, members: Any) -> bool:
-    """Return whether a step is paid as help: now two robots are in two help places, before not.
-
-    Arguments are as of `miscoordinate`.
-    """
-    if not inter.helps or not any_help(inter.posts, cells, members):
-        return False
-    return not any_help(inter.posts, before, members)
-
-
-@inner
-def any_help(posts: Any, cells: Any, members: Any) -> bool:
-    """Return whether two of the members are in two help places."""
-    for i in range(len(members)):
-        x = cells[members[i]]
-        if posts[x]:
-            for n in range(i):
-                if help_each_other(posts, x, cells[members[n]]):
-                    return True
-    return False
-
-
-@inlined
 def interacting(
     inter: Interactions, before: Any, wanted: Any, cells: Any, members: Any, k: int
 ) -> int:
@@ -373,38 +314,28 @@ def interacting(
         k: the robot.
     """
     y = cells[k]
-    helped = inter.helps and inter.posts[y] and is_help(inter, before, cells, members)
     found = 0
-    if inter.places[y] == NOWHERE and not inter.swaps and not helped and y == wanted[k]:
+    if inter.places[y] == NOWHERE and not inter.swaps and y == wanted[k]:
         return found
     for j in members:
-        if j != k and interact(inter, before, wanted, cells, k, j, helped):
+        if j != k and interact(inter, before, wanted, cells, k, j):
             found |= 1 << j
     return found
 
 
 @inlined
 def interact(
-    inter: Interactions,
-    before: Any,
-    wanted: Any,
-    cells: Any,
-    k: int,
-    j: int,
-    helped: Any,
+    inter: Interactions, before: Any, wanted: Any, cells: Any, k: int, j: int
 ) -> bool:
     """Return whether robot k interacts with robot j in a step.
 
-    Other arguments are as of `interacting`; `helped`: whether robot k is in a help place, and the
-    step is paid as help.
+    Other arguments are as of `interacting`.
     """
     y = cells[k]
     z = cells[j]
     if together(inter.places[y], inter.places[z]):
         return True
     if inter.swaps and exchanged(inter.passages, before[k], y, before[j], z):
-        return True
-    if helped and help_each_other(inter.posts, y, z):
         return True
     return bool(y != wanted[k] and stopped_by(wanted[k], y, before[j], z))
 
@@ -463,30 +394,6 @@ def miscoordinations(inter: Interactions, before: Any, after: Any) -> np.ndarray
                     inter.passages, before[k], after[k], before[j], after[j]
                 )
                 found |= known[k] & known[j] & swapped
-    return found
-
-
-def help_given(inter: Interactions, before: Any, after: Any) -> np.ndarray:
-    """Return which steps are paid as help; the rule is that of `is_help`.
-
-    Arguments and result are as of `miscoordinations`. Help between cells that are not known is
-    none.
-    """
-    after = np.asarray(after)
-    if not inter.helps:
-        return np.zeros(after.shape[1:], dtype=bool)
-    there = _any_help(inter.posts, np.asarray(before))
-    found: np.ndarray = _any_help(inter.posts, after) & ~there
-    return found
-
-
-def _any_help(posts: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return where two robots are in two help places, shape (...), of cells (K, ...)."""
-    found: np.ndarray = np.zeros(cells.shape[1:], dtype=bool)
-    for k in range(len(cells)):
-        for j in range(k):
-            known = (cells[k] >= 0) & (cells[j] >= 0)
-            found |= known & help_each_other(posts, cells[k], cells[j])
     return found
 
 

@@ -21,7 +21,7 @@ from sparse_coord_ros.core.game.draws import (
     room_for_draws,
     seed_game,
 )
-from sparse_coord_ros.core.game.interactions import is_help, miscoordinate, settle
+from sparse_coord_ros.core.game.interactions import miscoordinate, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     INDEX,
@@ -323,13 +323,12 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
             )
     settle(inter, before, cells, games.members)
     conflict = miscoordinate(inter, before, cells, games.members)
-    helped = is_help(inter, before, cells, games.members)
     over = True
     for k in games.members:
         acts = not games.arrived[i, k]
         home = acts and cells[k] == problem.goals[k]
         asked = acts and games.chosen[i, k] == COORDINATE
-        common = common_reward(problem, k, conflict, helped)
+        common = common_reward(problem, k, conflict)
         ask_cost = asking_reward(problem, asked)
         outcome.reward[i, k] = paid_for_ever(problem, home, common, ask_cost)
         infos.reward_parts[i, k, 0] = individual_reward(problem, home)

@@ -42,7 +42,6 @@ class Problem(NamedTuple):
         sight: probabilities that percepts succeed, always arrays.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
-        help_rewards: r^C of help [k].
         start_cells: cells where an exploring start can be [k][number].
         start_counts: their number [k].
         move_success: probability that a move succeeds.
@@ -58,7 +57,6 @@ class Problem(NamedTuple):
     sight: Sight
     all_peers: bool
     penalties: Any
-    help_rewards: Any
     start_cells: Any
     start_counts: Any
     move_success: float
@@ -76,7 +74,6 @@ LISTED = (
     "goals",
     "next_cell",
     "penalties",
-    "help_rewards",
     "start_cells",
     "start_counts",
 )
@@ -104,7 +101,6 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         sight=sight_of(scenario.perception, scenario.map) if percepts else BLIND,
         all_peers=scenario.peers == "all",
         penalties=np.array(scenario.penalties),
-        help_rewards=np.array(scenario.help_rewards),
         start_cells=start_cells,
         start_counts=np.array([len(choices) for choices in free]),
         move_success=scenario.move_success,
@@ -192,12 +188,9 @@ def individual_reward(problem: Problem, arrives: bool) -> float:
 
 
 @inlined
-def common_reward(problem: Problem, k: int, conflict: bool, helped: bool) -> float:
-    """Return r^C of a step for robot k, arrived or not: any robots may miscoordinate, or help."""
-    felt = problem.penalties[k] if conflict else 0.0
-    if helped:
-        felt += problem.help_rewards[k]
-    return felt
+def common_reward(problem: Problem, k: int, conflict: bool) -> float:
+    """Return r^C of a step for robot k, arrived or not: any robots may miscoordinate."""
+    return problem.penalties[k] if conflict else 0.0
 
 
 @inlined

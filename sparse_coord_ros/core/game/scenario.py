@@ -60,11 +60,6 @@ INTERACTIONS = KindFamily(
     Form("swap", "two robots that exchange cells pay r^C"),
     Form("block", "a doorway holds one robot; a second one stays where it is"),
     Form("block:anywhere", "a cell that is no goal holds one robot"),
-    Form(
-        "help",
-        "r^C is this reward when the second of two robots comes to its help place",
-        (Number("reward", 0.0, LARGEST),),
-    ),
 )
 """What robots do to each other (`core.game.interactions`)."""
 
@@ -222,19 +217,6 @@ class Scenario:
         if self.prior == "map":
             self._check_initial_values()
 
-        if "help" in self.kinds:
-            self._check_help_places()
-
-    def _check_help_places(self) -> None:
-        """Raise `SettingError` where two robots cannot help each other."""
-        places = self.help_places
-        if len(places) < 2:
-            raise SettingError(
-                f"setting interactions: {self.interactions!r} needs two help places, map "
-                f"{self.map.name} has {len(places)} that {'is' if len(places) == 1 else 'are'} no "
-                "goal; mark them by 'H' in the map"
-            )
-
     def _check_initial_values(self) -> None:
         """Raise `SettingError` if an initial value was chosen beside `prior: map`."""
         defaults = SETTINGS.defaults()
@@ -276,20 +258,8 @@ class Scenario:
 
     @property
     def kinds(self) -> dict[str, str]:
-        """What stands behind each kind of interaction: its variant, its number, or nothing."""
+        """The variant of each kind of interaction, or nothing."""
         return dict(kind.partition(":")[::2] for kind in self.interactions.split("+"))
-
-    @property
-    def help_places(self) -> list[int]:
-        """The cells in which robots can help each other, ascending: no goals."""
-        goals = {robot.goal for robot in self.robots}
-        return sorted(self.map.help_places - goals)
-
-    @property
-    def help_rewards(self) -> tuple[float, ...]:
-        """r^C of help for each robot."""
-        reward = float(self.kinds.get("help", 0.0))
-        return tuple(factor * reward for factor in self._factors)
 
     @property
     def arrival_value(self) -> float:

@@ -166,7 +166,7 @@ class SpecFamily:
 
 
 class KindFamily(SpecFamily):
-    """Kinds of which a setting names one or more: `together+swap`, `together+help:10`.
+    """Kinds of which a setting names one or more: `together+swap`.
 
     A kind may stand in several variants, such as `block` and `block:anywhere`. Only one of them
     can be named.
@@ -181,15 +181,14 @@ class KindFamily(SpecFamily):
         """Read the kinds, and return them in the order of the forms, joined by '+'.
 
         Raises:
-            SettingError: an unknown kind, two variants of one, wrong count of numbers, or a number
-                out of range.
+            SettingError: an unknown kind, or two variants of one.
         """
         if isinstance(value, list | dict):
             raise SettingError(
                 f"setting {self.setting}: value is {value!r}, allowed: one text; write "
-                "'help:20+swap'"
+                "'together+swap'"
             )
-        named = {}
+        known = [form.kind for form in self.forms]
         texts = [text.strip() for text in str(value).split("+")]
         if len(texts) > 1 and "" in texts:
             raise SettingError(
@@ -197,9 +196,8 @@ class KindFamily(SpecFamily):
                 f"out, allowed: {self.usage}"
             )
         for text in texts:
-            form = self._form(text)
-            numbers = text.split(":")[1:] if form.numbers else []
-            named[text] = form.kind, str(self.numbered(form, numbers))
+            if text not in known:
+                raise self.unknown(text, known)
         bare = [text.split(":")[0] for text in texts]
         for kind in bare:
             if bare.count(kind) > 1:
@@ -207,17 +205,7 @@ class KindFamily(SpecFamily):
                     f"setting {self.setting}: {str(value)!r} names {kind!r} "
                     f"{bare.count(kind)} times, allowed: once; leave the others out"
                 )
-        written = dict(named.values())
-        return "+".join(
-            written[form.kind] for form in self.forms if form.kind in written
-        )
-
-    def _form(self, text: str) -> Form:
-        """Return the form of one kind, which may be followed by numbers."""
-        for form in self.forms:
-            if text == form.kind or (form.numbers and text.split(":")[0] == form.kind):
-                return form
-        raise self.unknown(text, [form.kind for form in self.forms])
+        return "+".join(kind for kind in known if kind in texts)
 
 
 def _number(text: str) -> float:

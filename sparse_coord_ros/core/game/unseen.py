@@ -6,9 +6,6 @@
 and for ever. Of version 1 even seeds are for tuning, odd ones for validation. Version 2 is for the
 final test. `core.solve.shipped` lists those in which robots are in one another's way, with their
 reference values.
-
-`unseen1-door-2r-2h-3` is the same building with two help places, in which robots interact by
-`HELPING` alone.
 """
 
 import random
@@ -17,21 +14,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.core.game.grid import DOORWAY, FREE, HELP, WALL, GridMap
+from sparse_coord_ros.core.game.grid import DOORWAY, FREE, WALL
 
 VERSIONS = ("unseen1", "unseen2")
 TEAMS = (2, 4, 8)
 EXTRA_DOORWAY = 0.3
 """Probability of a doorway between two rooms that are connected already."""
-
-HELP_PLACES = 2
-"""Help places of a building whose robots help each other: one for the first robot, one for the
-second. Each is drawn among the cells that are least out of the way from its robot's start to its
-goal, and that are no doorway, no start and no goal."""
-
-HELPING = "help:10"
-"""The interactions of such a building. With a larger reward the joint optimum of some buildings
-goes in and out of help places for ever."""
 
 Cell = tuple[int, int]
 
@@ -84,23 +72,16 @@ def unseen(name: str) -> dict[str, Any] | None:
     teams = "|".join(map(str, TEAMS))
     versions = "|".join(VERSIONS)
     seed = "(0|[1-9][0-9]{0,8})"
-    marked = f"-{HELP_PLACES}h"
-    found = re.fullmatch(
-        f"((?:{versions})-({kinds})-({teams})r)({marked})?-{seed}", name
-    )
+    found = re.fullmatch(f"(?:{versions})-({kinds})-({teams})r-{seed}", name)
     if found is None:
         return None
-    first, kind, team, helps, number = found.groups()
+    kind, team, _ = found.groups()
     robots = int(team)
-    draw = random.Random(f"{first}-{number}")
+    draw = random.Random(name)
     plan = KINDS[kind](draw, robots > 2)
     starts, goals = _places(plan, robots, draw)
-    settings: dict[str, float | str] = {"penalty": -100}
-    if helps:
-        _mark_help_places(plan.grid, starts, goals, random.Random(name))
-        settings["interactions"] = HELPING
     pairs = zip(starts, goals, strict=True)
-    return generated(name, name, map("".join, plan.grid), pairs, **settings)
+    return generated(name, name, map("".join, plan.grid), pairs, penalty=-100)
 
 
 SPLITS = ("tuning", "validation", "test")
@@ -137,23 +118,6 @@ def _places(
             goals.append(draw.choice(plan.parts[other]))
         if len(set(starts)) == len(set(goals)) == robots:
             return starts, goals
-
-
-def _mark_help_places(
-    grid: list[list[str]], starts: list[Cell], goals: list[Cell], draw: random.Random
-) -> None:
-    """Mark a help place for each of the first robots, by the rule of `HELP_PLACES`."""
-    plan = GridMap("", tuple(map("".join, grid)))
-    taken = plan.doorways | {plan.number[cell] for cell in [*starts, *goals]}
-    free = set(range(len(plan.cells))) - taken
-    for start, goal in list(zip(starts, goals, strict=True))[:HELP_PLACES]:
-        way = plan.distances_to(plan.number[start])
-        way = way + plan.distances_to(plan.number[goal])
-        least = min(way[x] for x in free)
-        place = draw.choice([x for x in sorted(free) if way[x] == least])
-        free.remove(place)
-        i, j = plan.cells[place]
-        grid[i][j] = HELP
 
 
 def _blank(rows: int, columns: int) -> list[list[str]]:

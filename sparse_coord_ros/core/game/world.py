@@ -11,7 +11,6 @@ from typing import NamedTuple
 from sparse_coord_ros.core.game.draws import PlainDraws
 from sparse_coord_ros.core.game.interactions import (
     interacting,
-    is_help,
     miscoordinate,
     settle,
 )
@@ -232,11 +231,10 @@ class World:
         arrivals = [k for k in acting if self.cells[k] == self._problem.goals[k]]
         inter = self._problem.interactions
         conflict = miscoordinate(inter, before, self.cells, self.agents)
-        helped = is_help(inter, before, self.cells, self.agents)
         rewards = []
         for k, action in enumerate(actions):
             partners = interacting(inter, before, wanted, self.cells, self.agents, k)
-            common = common_reward(self._problem, k, conflict, helped)
+            common = common_reward(self._problem, k, conflict)
             rewards.append(self._reward(action, k in arrivals, common, partners))
         for k in arrivals:
             self.arrived[k] = True

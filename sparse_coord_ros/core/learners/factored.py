@@ -433,17 +433,12 @@ def led_to(mind: Any, task: Task, now: Transition) -> int:
 
 @inlined
 def brought_by_peers(mind: Any, task: Task, now: Transition, y: int) -> float:
-    """Return r^C, or the loss from a stop on the way to cell y; note the place.
-
-    Help has no place of its own: the robot felt it while the peer was in another cell.
-    """
+    """Return r^C, or the loss from a stop on the way to cell y; note the place."""
     if y != now.next_cell:
         mind.narrow[y] = True
         return -loss_of_stop(mind, task)
     if now.partners == 0 or now.common == 0.0:
         return 0.0
-    if now.common > 0.0:
-        return now.common
     if not task.swaps:
         mind.door[y] = now.common
     elif now.seen != 0:

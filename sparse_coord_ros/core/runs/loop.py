@@ -15,7 +15,6 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import drawn
 from sparse_coord_ros.core.game.interactions import (
     interacting,
-    is_help,
     miscoordinate,
     settle,
 )
@@ -248,8 +247,8 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
 
 
 @inlined
-def move_all(state: State, step: int) -> tuple[bool, bool]:
-    """Move every robot that acts; return whether the step is a miscoordination, and help."""
+def move_all(state: State, step: int) -> bool:
+    """Move every robot that acts; return whether the step is a miscoordination."""
     rule, game, choice, draws, _ = state
     problem = rule.problem
     inter = problem.interactions
@@ -259,9 +258,7 @@ def move_all(state: State, step: int) -> tuple[bool, bool]:
             cells[k] = led(problem, draws, k, step, cells[k], choice.moves[k])
         choice.wanted[k] = cells[k]
     settle(inter, choice.cells, cells, rule.members)
-    conflict = miscoordinate(inter, choice.cells, cells, rule.members)
-    helped = is_help(inter, choice.cells, cells, rule.members)
-    return conflict, helped
+    return miscoordinate(inter, choice.cells, cells, rule.members)
 
 
 @inner
@@ -350,7 +347,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
         epsilon = rule.epsilon[scheduled]
         floor = rule.floors[scheduled]
         choose_all(state, minds, step, epsilon)
-        conflict, helped = move_all(state, step)
+        conflict = move_all(state, step)
         if record is not None:
             row = record.used[0] - 1
             record.length[row] += 1
@@ -360,7 +357,7 @@ def learn_until(state: State, minds: Any, record: Record | None, budget: int) ->
             if arrived[k]:
                 continue
             home = cells[k] == problem.goals[k]
-            common = common_reward(problem, k, conflict, helped)
+            common = common_reward(problem, k, conflict)
             learn_from(state, minds, k, step, common, epsilon, floor)
             if record is not None:
                 asked = choice.actions[k] == COORDINATE
@@ -417,10 +414,10 @@ def play_until(
         trial = clock[DONE]
         elapsed = step + 1 - clock[EPISODE_START]
         choose_all(state, minds, step, 0.0)
-        conflict, helped = move_all(state, step)
+        conflict = move_all(state, step)
         over = True
         for k in members:
-            common = common_reward(problem, k, conflict, helped)
+            common = common_reward(problem, k, conflict)
             result = results[trial][k]
             result[CONFLICTS] += conflict
             if arrived[k]:

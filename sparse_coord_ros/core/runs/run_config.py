@@ -175,16 +175,6 @@ class RunConfig:
         return None if LEARNERS.barred(self.learner) else self.rule
 
     @property
-    def by_this_package(self) -> bool:
-        """True if this package's world computed it, not the user's own."""
-        return "sparse_coord_ros" in self.versions
-
-    @property
-    def markers_tell_steps(self) -> bool:
-        """True if the topic `markers` has time steps as stamps: else they are for people only."""
-        return self.by_this_package and self.clock == OWN_CLOCK
-
-    @property
     def title(self) -> str:
         """What its learner is called in print, as far as that may be known."""
         rule = self.known_rule

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.solve.optimum import Optimum, independent_bound
+from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
 
@@ -55,8 +55,7 @@ class Advice(NamedTuple):
         loss: loss of a robot if the robots ignore each other: see `loss_of_ignoring`.
         ratio: the loss in questions: so many cost as much. Infinite where questions are free.
         gain: at most so much of the loss a team can win back: up to the joint optimum, or to
-            robots alone in the world where the optimum is not known. Where robots can help each
-            other, it may be more than the loss.
+            robots alone in the world where the optimum is not known.
         text: a sentence for people.
     """
 
@@ -72,8 +71,6 @@ def advice(scenario: Scenario) -> Advice:
     loss = loss_of_ignoring(scenario)
     ratio = in_questions(loss, scenario)
     optimum = known_optimum(scenario)
-    if any(scenario.help_rewards):
-        return _advice_of_help(scenario, loss, optimum)
     gain = _positive(loss - independent_bound(scenario) + optimum.value, scenario)
     sure = SURE_RELATIVE_GAIN if optimum.exact else SURE_RELATIVE_GAIN_BY_BOUND
     kind = _kind_of(relative_gain(gain, scenario), sure)
@@ -89,28 +86,6 @@ def advice(scenario: Scenario) -> Advice:
         facts += f", {_cost_in_words(ratio)}"
         if optimum.exact:
             facts += f"; a team can win back {gain:.2f} of that"
-    return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
-
-
-def _advice_of_help(scenario: Scenario, loss: float, optimum: Optimum) -> Advice:
-    """Return whether coordination will pay where robots can help each other.
-
-    A team may then earn more than robots alone in the world: the gain is up to the optimum from
-    what robots earn that ignore each other, and there is no way around help.
-    """
-    gain = optimum.value - shortest_path_reference(scenario).returns
-    gain = _positive(gain, scenario)
-    kind = _kind_of(relative_gain(gain, scenario), SURE_RELATIVE_GAIN)
-    if kind == WILL_PAY and not optimum.exact:
-        kind = MAY_PAY
-    facts = "robots that ignore each other gain nothing by seeing each other"
-    if gain > 0.0:
-        most = "" if optimum.exact else "at most "
-        facts = (
-            f"beside robots that ignore each other a team can gain {most}{gain:.2f} each, "
-            f"{_cost_in_words(in_questions(gain, scenario))}"
-        )
-    ratio = in_questions(loss, scenario)
     return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
 
 

@@ -17,7 +17,6 @@ from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
     ends_of_two,
-    help_of_two,
     miscoordinate_two,
 )
 
@@ -48,7 +47,6 @@ class WeightedGame(NamedTuple):
         fails: whether a percept can fail in the asker's cell; (cells,).
         interactions: of the two robots.
         toll: weighted r^C of a miscoordination.
-        bonus: weighted r^C of help.
         prize: weighted value of each robot's arrival, for ever; (2,).
         cost: weighted cost of each robot's asking; (2,).
         discount: gamma.
@@ -64,7 +62,6 @@ class WeightedGame(NamedTuple):
     fails: np.ndarray
     interactions: Interactions
     toll: float
-    bonus: float
     prize: np.ndarray
     cost: np.ndarray
     discount: float
@@ -250,8 +247,6 @@ def expected(
             if inter.blocks:
                 a, b = ends_of_two(inter, x, y, a, b)
             got = game.toll if miscoordinate_two(inter, x, y, a, b) else 0.0
-            if help_of_two(inter, x, y, a, b):
-                got += game.bonus
             if a == game.goals[0] and x != a:
                 got += game.prize[0]
             if b == game.goals[1] and y != b:

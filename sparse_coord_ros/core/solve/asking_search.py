@@ -47,7 +47,7 @@ from sparse_coord_ros.core.solve.asking_loops import (
     WeightedGame,
     Workspace,
 )
-from sparse_coord_ros.core.solve.optimum import most_help, value_alone
+from sparse_coord_ros.core.solve.optimum import value_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
 WARNING = "a lower bound: the search may have missed a better team"
@@ -161,8 +161,6 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
         sight_of(scenario.perception, grid), np.arange(cells)
     )
     paid = [w * p for w, p in zip(weights, scenario.penalties, strict=True)]
-    helped = [w * p for w, p in zip(weights, scenario.help_rewards, strict=True)]
-    bonus = float(sum(helped))
     share = np.array(weights)
     robots = scenario.robots
     starts, goals = np.array([(robot.start, robot.goal) for robot in robots]).T
@@ -177,12 +175,11 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
         fails=percept.min(axis=1) < 1.0,
         interactions=interactions_of(scenario),
         toll=float(sum(paid)),
-        bonus=bonus,
         prize=share * scenario.goal_reward / (1.0 - scenario.discount),
         cost=share * scenario.ask_cost,
         discount=float(scenario.discount),
         success=float(scenario.move_success),
-        above=alone[0][:, None] + alone[1] + bonus * most_help(scenario),
+        above=alone[0][:, None] + alone[1],
         everything=near[near != goals[0] * cells + goals[1]],
     )
 

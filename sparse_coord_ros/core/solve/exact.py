@@ -107,7 +107,11 @@ def evaluate_exact(
     """
     check_exact(scenario)
     evaluation.check_tables(scenario, tables, learner)
-    return evaluate_greedy(scenario, _robots(scenario, tables, learner))
+    acting = tables
+    if learner is not None:
+        rule = learner_of(learner)
+        acting = [Tables(scenario, rule, k, one.memory) for k, one in enumerate(tables)]
+    return evaluate_greedy(scenario, _robots(acting))
 
 
 def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
@@ -216,10 +220,7 @@ def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | No
     large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
     if len(scenario.robots) != MOST_ROBOTS or large:
         return None
-    try:
-        robots = _robots(scenario, tables, None)
-    except SettingError:
-        return None
+    robots = _robots(tables)
     sums = _carried(_pair(scenario, robots, np.arange(cells)), spreads=False)
     assert sums is not None
     return ExactMeans(*sums.robots, *map(float, sums.team))
@@ -249,17 +250,9 @@ class Greedy(NamedTuple):
     coord: Any
 
 
-def _robots(
-    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None
-) -> list[Greedy]:
+def _robots(tables: Sequence[Tables]) -> list[Greedy]:
     """Return the robots as greedy ones that act on tables, which fit."""
-    found = []
-    for k, one in enumerate(tables):
-        acting = one
-        if learner is not None:
-            acting = Tables(scenario, learner_of(learner), k, one.memory)
-        found.append(_choices(acting))
-    return found
+    return [_choices(one) for one in tables]
 
 
 def _choices(tables: Tables) -> Greedy:
@@ -321,12 +314,10 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
     interactions = of_cells(interactions_of(scenario), own)
     penalties = scenario.penalties
-    help_rewards = scenario.help_rewards
     if alone:
         starts = np.append(starts, goals)
         goals = np.tile(goals, 2)
         penalties = (*penalties, 0.0)
-        help_rewards = (*help_rewards, 0.0)
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
         interactions = none_of(interactions)
@@ -345,7 +336,6 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         asked=asked,
         interactions=interactions,
         penalties=np.array(penalties),
-        help_rewards=np.array(help_rewards),
         arrival_value=scenario.arrival_value,
         cost=float(scenario.ask_cost),
         discount=float(scenario.discount),

@@ -16,7 +16,6 @@ from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
     ends_of_two,
-    help_of_two,
     miscoordinate_two,
 )
 
@@ -35,7 +34,6 @@ class Pair(NamedTuple):
             or `STAY`; (2, own cell, peer's cell, moves + 1).
         interactions: of the two, in these cells.
         penalties: r^C of a miscoordination for each robot; (2,).
-        help_rewards: r^C of help for each robot; (2,).
         arrival_value: value of a robot's arrival, for ever.
         cost: of asking.
         discount: gamma.
@@ -51,7 +49,6 @@ class Pair(NamedTuple):
     asked: np.ndarray
     interactions: Interactions
     penalties: np.ndarray
-    help_rewards: np.ndarray
     arrival_value: float
     cost: float
     discount: float
@@ -191,12 +188,11 @@ def follow(
             if inter.blocks:
                 y, w = ends_of_two(inter, x, z, y, w)
             conflict = miscoordinate_two(inter, x, z, y, w)
-            helped = help_of_two(inter, x, z, y, w)
             target = y * cells + w
-            pay(pair, sums, x, z, y, w, conflict, helped, factor * q, q)
+            pay(pair, sums, x, z, y, w, conflict, factor * q, q)
             if squared:
-                bring(pair, sums.brought, 0, x, z, y, conflict, helped, a, factor)
-                bring(pair, sums.brought, 1, z, x, w, conflict, helped, b, factor)
+                bring(pair, sums.brought, 0, x, z, y, conflict, a, factor)
+                bring(pair, sums.brought, 1, z, x, w, conflict, b, factor)
                 pass_on(sums, now, state, target, q, q / p)
             if target != home:
                 add(later, target, q)
@@ -242,7 +238,6 @@ def pay(
     y: int,
     w: int,
     conflict: bool,
-    helped: bool,
     weight: float,
     q: float,
 ) -> None:
@@ -251,9 +246,6 @@ def pay(
         sums.team[CONFLICTS] += q
         sums.robots[RETURN, 0] += weight * pair.penalties[0]
         sums.robots[RETURN, 1] += weight * pair.penalties[1]
-    if helped:
-        sums.robots[RETURN, 0] += weight * pair.help_rewards[0]
-        sums.robots[RETURN, 1] += weight * pair.help_rewards[1]
     if y == pair.goals[0] and x != y:
         sums.robots[RETURN, 0] += weight * pair.arrival_value
     if w == pair.goals[1] and z != w:
@@ -271,21 +263,18 @@ def bring(
     z: int,
     y: int,
     conflict: bool,
-    helped: bool,
     a: int,
     factor: float,
 ) -> None:
     """Write mean and square of the changes of robot k in a step from x to y.
 
     The peer was in z, the step comes to `a`, and its reward counts `factor` times. `conflict`:
-    it is a miscoordination; `helped`: it is help.
+    it is a miscoordination.
     """
     acting = 1.0 if x != pair.goals[k] else 0.0
     meets = 1.0 if conflict else 0.0
     asked = acting * pair.asked[k, x, z, a]
     paid = meets * pair.penalties[k]
-    if helped:
-        paid += pair.help_rewards[k]
     if acting and y == pair.goals[k]:
         paid += pair.arrival_value
     with_cost = paid - pair.cost

@@ -6,12 +6,11 @@ The yardstick for Coop.: a single controller that sees the full joint state, cho
 action and pays nothing for asking. Its value is the average over the robots, as in the paper.
 
 Robots that can only be together move independently, and a step pays by the cells in which it ends:
-then each robot's move is a matter of its own axis. With swap, block or help it is looked up what
+then each robot's move is a matter of its own axis. With swap or block it is looked up what
 becomes of all cells that the robots may want.
 """
 
 import hashlib
-import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -22,7 +21,6 @@ import numpy as np
 from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.interactions import (
     any_together,
-    help_given,
     interactions_of,
     miscoordinations,
     only_together,
@@ -34,7 +32,7 @@ MOST_JOINT_STATES = 100_000
 """Largest number of joint states that is solved exactly."""
 
 MOST_JOINT_OUTCOMES = 2**25
-"""Largest number of joint outcomes of steps that is solved where robots swap, block or help: for
+"""Largest number of joint outcomes of steps that is solved where robots swap or block: for
 each joint state 5^K of K robots. They take up to two gigabytes."""
 
 TOLERANCE = 1e-11
@@ -47,7 +45,7 @@ class Optimum:
 
     Attributes:
         value: total discounted reward from the scenario's starts.
-        exact: True: the optimum itself; False: an upper bound (`upper_bound`).
+        exact: True: the optimum itself; False: an upper bound (`independent_bound`).
         joint_states: number of joint states of the scenario.
     """
 
@@ -70,7 +68,7 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
     team = len(scenario.robots)
     states = cells**team
     if is_too_large(scenario):
-        return Optimum(upper_bound(scenario), False, states)
+        return Optimum(independent_bound(scenario), False, states)
     leads = [successors(scenario, k) for k in range(team)]
     paid = payment(scenario)
     inter = interactions_of(scenario)
@@ -78,12 +76,10 @@ def joint_optimum(scenario: ScenarioLike) -> Optimum:
         *((robot.start, robot.goal) for robot in scenario.robots), strict=True
     )
     toll = sum(scenario.penalties)
-    bonus = sum(scenario.help_rewards)
-    numbers = [scenario.discount, scenario.move_success, scenario.goal_reward]
-    numbers += [toll, bonus]
+    numbers = [scenario.discount, scenario.move_success, scenario.goal_reward, toll]
     arrays = [paid.ravel()]
     arrays += [lead.ravel() for lead in leads]
-    arrays += [inter.passages, inter.narrow, inter.posts]
+    arrays += [inter.passages, inter.narrow]
     digest = hashlib.sha256(np.concatenate(arrays).tobytes()).digest()
     key = starts, goals, tuple(numbers), paid.shape, digest
     if key not in SOLVED:
@@ -108,57 +104,18 @@ def is_too_large(scenario: Scenario) -> bool:
     return states > MOST_JOINT_STATES or outcomes > MOST_JOINT_OUTCOMES
 
 
-def _solve(
-    scenario: Scenario,
-    leads: Sequence[np.ndarray],
-    paid: np.ndarray,
-    cost: np.ndarray | float = 0.0,
-) -> float:
-    """Return the best value from the starts.
+def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
+    """Return the best value from the starts, by value iteration.
 
     Args:
         scenario: the problem.
         leads: as `successors` returns them, one a robot.
         paid: as `payment` returns it.
-        cost: mean cost of a step for a robot, by the joint state where it begins.
     """
-    start = tuple(robot.start for robot in scenario.robots)
-    values = _joint_values(scenario, leads, paid, cost)
-    return float(values.max(axis=tuple(range(len(leads))))[start])
-
-
-def always_asking(scenario: Scenario) -> float | None:
-    """Return the best value of a team whose robots ask in every step, and pay for it.
-
-    Each question is answered, so the team sees as much as that of the joint optimum. A robot pays
-    `ask_cost` in each step in which it has not arrived.
-
-    Returns:
-        Total discounted reward from the starts, averaged over the robots; None where there are
-        more than `MOST_JOINT_STATES` joint states, and with swap, block or help.
-    """
-    team = len(scenario.robots)
-    cells = len(scenario.map.cells)
-    if is_too_large(scenario) or not only_together(interactions_of(scenario)):
-        return None
-    leads = [successors(scenario, k) for k in range(team)]
-    states = np.indices((cells,) * team)
-    goals = [robot.goal for robot in scenario.robots]
-    asking = sum(states[k] != goal for k, goal in enumerate(goals))
-    cost = asking * (scenario.ask_cost / team)
-    return _solve(scenario, leads, payment(scenario), cost)
-
-
-def _joint_values(
-    scenario: Scenario,
-    leads: Sequence[np.ndarray],
-    paid: np.ndarray,
-    cost: np.ndarray | float,
-) -> np.ndarray:
-    """Return the values of joint actions, last robot first, in joint states."""
     value = np.zeros(paid.shape)
     every = (slice(None),) * len(leads)
     p = scenario.move_success
+    start = tuple(robot.start for robot in scenario.robots)
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
         # The value of the next joint state; each robot adds its axis in front.
@@ -167,12 +124,11 @@ def _joint_values(
             values = np.stack(
                 [p * values.take(to, 2 * k) + (1.0 - p) * values for to in lead]
             )
-        values -= cost
         # All have arrived: the trial is over, and robots in one doorway do not pay.
         values[every + goal] = scenario.arrival_value
         best = values.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
-            return values
+            return float(best[start])
         value = best
 
 
@@ -201,7 +157,6 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
     ways = [np.concatenate([successors(scenario, k), own]) for k in range(team)]
     goals = _paid_at_goals(scenario).ravel()
     toll = sum(scenario.penalties) / team
-    bonus = sum(scenario.help_rewards) / team
     after = np.empty((OUTCOMES,) * team + (cells**team,), dtype=np.int32)
     paid = np.empty(after.shape)
     for chosen in product(range(OUTCOMES), repeat=team):
@@ -210,25 +165,14 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
         conflict = miscoordinations(inter, before, ends)
         after[chosen] = np.ravel_multi_index(tuple(ends), shape)
         paid[chosen] = goals[after[chosen]] + np.where(conflict, toll, 0.0)
-        paid[chosen] += np.where(help_given(inter, before, ends), bonus, 0.0)
     return JointOutcomes(after, paid)
 
 
 def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
     """Return the optimum by value iteration over all outcomes."""
-    return _best_at_starts(scenario, _values_by_outcomes(scenario, outcomes))
-
-
-def _best_at_starts(scenario: Scenario, values: np.ndarray) -> float:
-    """Return the value of the best joint move at the starts; values of `_values_by_outcomes`."""
-    start = _joint_state(scenario, [robot.start for robot in scenario.robots])
-    return float(values.max(axis=tuple(range(len(scenario.robots))))[start])
-
-
-def _values_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> np.ndarray:
-    """Return the values of joint moves: an axis of moves a robot, then the joint state."""
     after, paid = outcomes
     team = len(scenario.robots)
+    start = _joint_state(scenario, [robot.start for robot in scenario.robots])
     goal = _joint_state(scenario, [robot.goal for robot in scenario.robots])
     p = scenario.move_success
     value = np.zeros(after.shape[-1])
@@ -241,7 +185,7 @@ def _values_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> np.ndarr
         values[..., goal] = scenario.arrival_value
         best = values.max(axis=tuple(range(team)))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
-            return values
+            return float(best[start])
         value = best
 
 
@@ -251,63 +195,15 @@ def _joint_state(scenario: Scenario, cells: Sequence[int]) -> int:
     return int(np.ravel_multi_index(cells, shape))
 
 
-def optimum_and_arrivals(scenario: Scenario) -> tuple[Optimum, float]:
-    """Return the joint optimum, and the share of episodes in which it brings all to their goals.
-
-    Both are exact. With a large reward of help the best policy never arrives. Only for scenarios
-    that are not too large (`is_too_large`).
-
-    Returns:
-        The optimum, and the probability that all robots arrive within the `horizon` of an episode.
-    """
-    outcomes = joint_outcomes(scenario)
-    values = _values_by_outcomes(scenario, outcomes)
-    optimum = Optimum(_best_at_starts(scenario, values), True, values.shape[-1])
-    return optimum, _arrivals(scenario, outcomes, values)
-
-
-def _arrivals(scenario: Scenario, outcomes: JointOutcomes, values: np.ndarray) -> float:
-    """Return the probability that the best joint moves bring all robots to their goals in time."""
-    team = len(scenario.robots)
-    states = np.arange(values.shape[-1])
-    best = values.reshape(-1, len(states)).argmax(axis=0)
-    moves = np.unravel_index(best, (PRIMITIVES,) * team)
-    p = scenario.move_success
-    likely = np.zeros(len(states))
-    likely[_joint_state(scenario, [robot.start for robot in scenario.robots])] = 1.0
-    for _ in range(scenario.horizon):
-        later = np.zeros(len(states))
-        for succeeds in product((True, False), repeat=team):
-            chance = math.prod(p if moved else 1.0 - p for moved in succeeds)
-            made = [
-                move if moved else np.full_like(move, STAY)
-                for move, moved in zip(moves, succeeds, strict=True)
-            ]
-            np.add.at(later, outcomes.after[(*made, states)], chance * likely)
-        likely = later
-    return float(likely[_joint_state(scenario, [r.goal for r in scenario.robots])])
-
-
 def independent_bound(scenario: Scenario) -> float:
     """Return the value of robots alone in the world, each on a shortest path.
 
-    It is an upper bound for all policies unless robots can help each other.
+    It is an upper bound for all policies.
     """
     robots = scenario.robots
     ways = scenario.map.distances_to
     far = np.array([ways(robot.goal)[robot.start] for robot in robots])
     return float(np.mean(value_alone(scenario, far)))
-
-
-def upper_bound(scenario: Scenario) -> float:
-    """Return an upper bound for all policies: robots alone, and help whenever it can be paid."""
-    bonus = sum(scenario.help_rewards) / len(scenario.robots)
-    return independent_bound(scenario) + bonus * most_help(scenario)
-
-
-def most_help(scenario: Scenario) -> float:
-    """Return how often help can be paid at most, discounted: in every other step."""
-    return 1.0 / (1.0 - scenario.discount**2)
 
 
 def value_alone(

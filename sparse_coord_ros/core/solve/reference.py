@@ -5,7 +5,7 @@
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
 own, and at every time step the chance of a miscoordination follows from who is how likely where.
-With swap, block or help they are not independent: a pair is evaluated as one joint chain, exactly,
+With swap or block they are not independent: a pair is evaluated as one joint chain, exactly,
 and a larger team by trials.
 """
 
@@ -22,7 +22,6 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
     any_together,
-    help_given,
     interactions_of,
     miscoordinations,
     only_together,
@@ -36,7 +35,7 @@ NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
 TRIALS = 10_000
-"""Trials of a team that swaps, blocks or helps and is too large for the joint chain; all draws are
+"""Trials of a team that swaps or blocks and is too large for the joint chain; all draws are
 those of one seed."""
 
 
@@ -47,9 +46,9 @@ class Reference:
     Attributes:
         returns: total discounted reward, averaged over the robots: the goal paid from arrival on
             for ever, and a penalty for each miscoordination until all have arrived. Unlike trials,
-            it knows no horizon; but with swap, block or help it does.
+            it knows no horizon; but with swap or block it does.
         time_to_goal: steps until arrival, averaged over the robots; without horizon too. With
-            swap, block or help: the horizon for a robot that does not arrive.
+            swap or block: the horizon for a robot that does not arrive.
         miscoordinations: steps of a trial that end in a miscoordination, within the horizon.
         all_arrived: probability that all robots arrive within the horizon.
         trials: how many trials it is the mean of; 0: it is exact.
@@ -97,7 +96,7 @@ def shortest_path_reference(
 
     It is what Indiv. tends to. `returns` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial. It is exact (`exact`), but for more
-    than two robots that swap, block or help it is the mean of 10,000 trials, with standard errors.
+    than two robots that swap or block it is the mean of 10,000 trials, with standard errors.
 
     Args:
         scenario: the problem.
@@ -145,7 +144,6 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     cells = np.tile([[robot.start] for robot in robots], (1, TRIALS))
     chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
     toll = float(np.mean(scenario.penalties))
-    bonus = float(np.mean(scenario.help_rewards))
     returns = np.zeros(TRIALS)
     times = np.zeros(TRIALS)
     conflicts = np.zeros(TRIALS)
@@ -167,7 +165,6 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
         returns += scenario.discount**t * (
             conflict * toll + arrivals * scenario.arrival_value / team
         )
-        returns += scenario.discount**t * bonus * help_given(inter, cells, ends)
         times += under_way.mean(axis=0)
         conflicts += conflict
         cells = ends

@@ -122,7 +122,7 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
         seed: of every random draw.
 
     Raises:
-        SettingError: robots swap, block or help, which the planner does not foresee.
+        SettingError: robots swap or block, which the planner does not foresee.
     """
     check_only_together(
         scenario, "route planner", "the joint optimum knows all interactions"

@@ -128,8 +128,7 @@ def _compared(
 ) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
-    With block or help alone there are no miscoordinations; robots in each other's way, or robots
-    that wait for each other, lose time.
+    With block alone there are no miscoordinations; robots in each other's way lose time.
     """
     steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
     if scenario.interactions.startswith("block"):
@@ -140,8 +139,6 @@ def _compared(
                 f" Robots that ignore each other all arrive in {share} of the trials."
             )
         return f"Steps to the goal: {steps}.{arrive}"
-    if list(scenario.kinds) == ["help"]:
-        return f"Steps to the goal: {steps}."
     counted = found.miscoordinations.mean
     return (
         f"Miscoordinations per episode: {counted:.2g} instead of "

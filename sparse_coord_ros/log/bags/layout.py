@@ -19,6 +19,9 @@ from sparse_coord_ros.base.files import (
     write_whole,
 )
 
+RESCUE = "'pymcap-cli recover' (pip install pymcap-cli)"
+"""What makes a whole bag of the readable parts of a damaged one."""
+
 failing = partial(retold, BagError, OSError)
 """Turns an OSError into a BagError."""
 
@@ -68,7 +71,7 @@ class OutputFile:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
                 "recording ends there, unfinished, and is read up to there: make room or choose "
-                "another directory; 'pymcap-cli recover' gives the file an end"
+                f"another directory; {RESCUE} gives the file an end"
             )
             with contextlib.suppress(OSError):
                 self._file.truncate(begin)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.learners.mind import Memory, memory_of
 from sparse_coord_ros.core.runs.tables import saved_arrays
@@ -21,9 +22,6 @@ from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.messages import action_numbers
-
-NOT_COMPARED = ("repeated", "dropped")
-"""Counts beside tables that do not follow from the log: they count faults of the network."""
 
 
 def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]:
@@ -55,8 +53,8 @@ def _of_tables(entry: tuple[str, str, str]) -> tuple[str, str, str]:
 class AgentCheck:
     """Compares one robot's actions and tables with those of an agent fed from the log.
 
-    Call `begin`; for each time step, in their order, `check`; at the end `end`. The first finding
-    ends the check.
+    Call `begin`; for each time step, in their order, `decide`, then `act`; at the end `end`. The
+    first finding ends the check.
 
     Args:
         log: the log.
@@ -65,6 +63,10 @@ class AgentCheck:
     Attributes:
         trajectory: the robot's actions in the log.
         choices, updates, compared: numbers of actions, updates and tables that agree.
+        name: the robot's name.
+        unsure: the first time step of which the log may lack the robot's action, and with it
+            whether the robot learned from the one before; None: there is none since the last
+            tables that agree.
     """
 
     def __init__(self, log: RunLog, k: int) -> None:
@@ -72,9 +74,10 @@ class AgentCheck:
         self.choices = 0
         self.updates = 0
         self.compared = 0
+        self.name = log.names[k]
+        self.unsure: int | None = None
         self._log = log
         self._k = k
-        self._name = log.names[k]
         recorded = [one for one in log.all_tables if one.robot == k]
         self._recorded = sorted(recorded, key=lambda one: one.step)
         self._tables = deque(self._recorded)
@@ -102,15 +105,26 @@ class AgentCheck:
         self._replay = Replay(self._log, self.trajectory, agent)
         yield from self._compare_tables(0)
 
-    def check(self, step: int) -> Iterator[Finding]:
-        """Compare the tables up to a time step, then its action, if there is one."""
+    def decide(self, step: int) -> Iterator[Finding]:
+        """Compare the tables up to a time step, then whether the robot asks there."""
         yield from self._compare_tables(step)
         place = self.choices
-        steps = self.trajectory.step
-        if place == len(steps) or steps[place] != step:
+        if not self._acts_at(step):
             return
         assert self._replay is not None
         yield from self._learned_before(place)
+        asks = self._replay.decide().action == COORDINATE
+        if asks != self._log.asked[self.trajectory.row[place], self._k]:
+            logged, computed = f"coordinate={not asks:d}", f"coordinate={asks:d}"
+            words = wire.ACTION.name, logged, computed
+            yield self._log.messages.difference(step, self._k, *words)
+
+    def act(self, step: int) -> Iterator[Finding]:
+        """Compare the action of a time step, if there is one; its percept must be right."""
+        place = self.choices
+        if not self._acts_at(step):
+            return
+        assert self._replay is not None
         if not self._replay.advance(place + 1):
             assert self._replay.other is not None
             yield self._other_action(place, self._replay.other)
@@ -123,7 +137,7 @@ class AgentCheck:
         acted = int(self.trajectory.step.max(initial=0))
         newest = max((one.step for one in self._recorded), default=0)
         if newest < acted:
-            why = f"{self._name} saved no tables at its end (killed?)"
+            why = f"{self.name} saved no tables at its end (killed?)"
             yield Undecided(acted, why)
         if self._tables:
             step = self._tables[0].step
@@ -131,11 +145,18 @@ class AgentCheck:
 
     # Actions.
 
+    def _acts_at(self, step: int) -> bool:
+        """Return whether the robot's next action is of a time step."""
+        place = self.choices
+        steps = self.trajectory.step
+        return place < len(steps) and steps[place] == step
+
     def _learned_before(self, place: int) -> Iterator[Finding]:
         """Check that an action's number `learned` is possible."""
         step = int(self.trajectory.step[place])
         logged = self._log.has_learned[self.trajectory.row[place], self._k]
         if repr(float(logged)) == "0.0":
+            self._may_lack_an_action(place)
             return
         words = wire.ACTION.name, f"learned={logged:g}"
         if logged != 1.0 or self._log.run.greedy or not place:
@@ -144,8 +165,22 @@ class AgentCheck:
             yield self._log.messages.difference(step, self._k, *words, due)
         elif not self.trajectory.told[place - 1]:
             before = int(self.trajectory.step[place - 1])
-            why = f"{self._name} learned from time step {before}, of which the log lacks messages"
+            why = f"{self.name} learned from time step {before}, of which the log lacks messages"
             yield Undecided(before, why)
+
+    def _may_lack_an_action(self, place: int) -> None:
+        """Note if the robot did not act in the step after its action before, as far as is logged.
+
+        An action there, which came too late for the world, would say whether it learned.
+        """
+        done = self.trajectory
+        if not place or not done.told[place - 1] or self._log.run.greedy:
+            return
+        goal = self._log.run.scenario.robots[self._k].goal
+        next_step = int(done.step[place - 1]) + 1
+        could_act = done.step[place] > next_step and done.next_cell[place - 1] != goal
+        if could_act and self.unsure is None:
+            self.unsure = next_step
 
     def _other_action(self, place: int, computed: Action) -> Difference:
         """Return the difference for an action that the agent does not choose."""
@@ -172,7 +207,7 @@ class AgentCheck:
         return [0, *states[1:][due].tolist()]
 
     def _not_there(self, step: int) -> Undecided:
-        why = f"the tables of {self._name} of time step {step} are not in the log"
+        why = f"the tables of {self.name} of time step {step} are not in the log"
         return Undecided(step, why)
 
     def _compare_tables(self, step: int) -> Iterator[Finding]:
@@ -183,6 +218,7 @@ class AgentCheck:
             found.add(entry.step)
             yield from self._compare(entry)
             self.compared += 1
+            self.unsure = None
         while self._due and self._due[0] <= step:
             due = self._due.popleft()
             if due not in found:
@@ -214,8 +250,10 @@ class AgentCheck:
         }
         counts["learned"] = int(self.trajectory.learned[: self.choices].sum())
         counts["step"] = entry.step
-        for name in NOT_COMPARED:
-            counts[name] = entry.counts.get(name, 0)
+        # The log does not show these faults of the network; only a bound of one.
+        unlearned = self.choices - counts["learned"]
+        counts["dropped"] = min(max(entry.counts.get("dropped", 0), 0), unlearned)
+        counts["repeated"] = entry.counts.get("repeated", 0)
         return counts
 
 

@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.perception import asked_peers
-from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
 from sparse_coord_ros.core.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.core.game.world import Action, Reward
-from sparse_coord_ros.core.learners.agent import Agent, Choice
+from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.protocol.wire import ACTION_LABELS
@@ -161,21 +160,30 @@ class Replay:
         self._learned = (trajectory.learned & trajectory.told).tolist()
         self._logged = log.numbers[rows, k, : len(ACTION_LABELS)]
         self._rewards = log.rewards[rows, k]
+        self._decision: Decision | None = None
+
+    def decide(self) -> Decision:
+        """Return what the agent chooses at `reached`, before active perception."""
+        if self._decision is None:
+            i = self.reached
+            if self._begins[i]:
+                self.agent.begin_episode()
+            self._decision = self.agent.decide(self._steps[i], self._cells[i])
+        return self._decision
 
     def advance(self, to: int) -> bool:
         """Advance to an action; return whether the agent chose all logged actions before it."""
         while self.reached < to and self.other is None:
-            self._follow(self.reached)
+            self._follow()
         return self.other is None
 
-    def _follow(self, i: int) -> None:
+    def _follow(self) -> None:
         """Choose an action and learn from it; note it in `other` if it is not the logged one."""
+        i = self.reached
         agent = self.agent
         step = self._steps[i]
         cell = self._cells[i]
-        if self._begins[i]:
-            agent.begin_episode()
-        decision = agent.decide(step, cell)
+        decision = self.decide()
         perceived = self._trajectory.perceived_at(i) if decision.peers else None
         action = agent.act(step, cell, decision, perceived)
         if BITS.pack(*action_numbers(action)) != self._logged[i].tobytes():
@@ -185,11 +193,10 @@ class Replay:
             choice = Choice(cell, decision, action, perceived)
             agent.learn(step, choice, _reward(self._rewards[i]), self._next_cells[i])
         self.reached = i + 1
+        self._decision = None
 
 
 def _reward(logged: np.ndarray) -> Reward:
     """Return a logged reward in the form that agents take."""
     individual, common, cost, total, partners = logged.tolist()
-    known = 0 <= partners < 2.0**53  # NaN if it is not logged
-    seen = int(partners) if known else UNKNOWN_PARTNERS
-    return Reward(individual, common, cost, total, seen)
+    return Reward(individual, common, cost, total, int(partners))

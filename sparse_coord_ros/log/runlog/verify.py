@@ -74,10 +74,9 @@ def verify(path: Path) -> Verification:
     """
     comparison = _Comparison(read_run(path))
     found = next(comparison.findings(), None) or comparison.left_out
+    if isinstance(found, Difference):
+        found = comparison.doubted(found)
     world = comparison.world
-    if isinstance(found, Difference) and world.unsure is not None:
-        why = f"the log lacks messages, or a robot was left out; then {found}"
-        found = Undecided(world.unsure, why)
     agents = comparison.agents
     return Verification(
         log=comparison.log,
@@ -147,16 +146,28 @@ class _Comparison:
             while problems and problems[0].step <= step:
                 yield problems.popleft()
             yield from self.world.arrive(step)
+            for agent in self.agents:
+                yield from agent.decide(step)
             for places, percepts in zip(self._places, self._percepts, strict=False):
                 if step in places:
                     yield from percepts.check(places[step])
             for agent in self.agents:
-                yield from agent.check(step)
+                yield from agent.act(step)
             yield from self.world.advance(step)
         yield from self.world.end()
         yield from problems
         for agent in self.agents:
             yield from agent.end()
+
+    def doubted(self, found: Difference) -> Finding:
+        """Return a difference, or that the run is undecided if lost messages may explain it."""
+        unsure = [self.world.unsure]
+        unsure += [one.unsure for one in self.agents if one.name == found.robot]
+        steps = [step for step in unsure if step is not None]
+        if not steps:
+            return found
+        why = f"the log lacks messages, or a robot was left out; then {found}"
+        return Undecided(min(steps), why)
 
     def notes(self) -> dict[str, int]:
         """Return the notes of `Verification`."""

@@ -13,7 +13,7 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
     Reminder,
     WorldPresence,
 )
-from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
@@ -77,6 +77,17 @@ class Follower(ParameterNode):
     def set_up(self) -> None:
         """Refuse an impossible output directory before a run is announced."""
         check_place(self.values.get("out", ""))
+
+    @property
+    def knows_the_world(self) -> bool:
+        """True if the world of the announced run has said how it stands."""
+        run = self.run
+        return run is not None and self.status is not None and self.status.run == run.id
+
+    @property
+    def found(self) -> Order:
+        """The world's order so far; it is for those who were there before."""
+        return Order() if self.status is None else self.status.order
 
     def may_begin(self, now: float) -> bool:
         """Return whether the node is ready for a run; called with every tick until it begins."""

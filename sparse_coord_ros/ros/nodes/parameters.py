@@ -74,8 +74,6 @@ from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 RCLError = rclpy_implementation.RCLError
 
-ROLL_BACK = "rollback"
-"""The value of `returning` that rolls the team back; else a robot continues alone."""
 FROM_TF = "tf"
 """The `pose_type` for poses from transforms instead of pose messages."""
 

@@ -36,7 +36,7 @@ from sparse_coord_ros.ros.nodes.parameters import (
     ParameterNode,
     run_from_parameters,
 )
-from sparse_coord_ros.ros.nodes.restart import Returning
+from sparse_coord_ros.ros.nodes.restart import Restart
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.ros.nodes.world_speed import WorldSpeed
@@ -45,14 +45,6 @@ from sparse_coord_ros.ros.nodes.world_topics import WorldTopics
 GO_ON = "go_on"
 END = "end"
 """The value of `lost_robot` that ends the run; else the world waits."""
-
-EVENTS = (
-    "replaced_robots",
-    "returned_robots",
-    "robot_steps_lost",
-    "taken_back",
-)
-"""A world's counters of its run's faults, earlier processes included."""
 
 NOT_UNDER_WAY = "the run is not under way"
 
@@ -77,7 +69,7 @@ class WorldSimulator(ParameterNode):
         bodies: the robots' bodies; None: robots without bodies.
         topics: its publishers.
         speed: the speed of the run.
-        returning: rolls the team back if needed; it exists once the world has opened.
+        restart: orders the team to begin; it exists once the world has opened.
 
     Raises:
         SparseCoordError: a bad parameter, another world, robots that do not come.
@@ -85,7 +77,7 @@ class WorldSimulator(ParameterNode):
 
     startup_timeout = 60.0
     lost_timeout = 60.0
-    returning: Returning
+    restart: Restart
     _output: Output | None = None
     _rate_timer: Timer | None = None
     _paused = False
@@ -129,10 +121,8 @@ class WorldSimulator(ParameterNode):
         if self._stopped:
             return wire.RunState.STOPPED
         started = self.speed.begun
-        resumed = self.values["resume"]
-        calling = self._output is not None and self.returning.calling
-        if calling or (resumed and not started and not self._paused):
-            # the team's place is known when all have answered
+        resumed = self.values["resume"] and not started and not self._paused
+        if self.lockstep.held or resumed:
             return wire.RunState.RESUMING
         if self._held:
             return wire.RunState.PAUSED
@@ -147,8 +137,8 @@ class WorldSimulator(ParameterNode):
 
     def _say(self) -> None:
         if self._output is not None:
-            self.topics.say(self.doing, self.lockstep, self.returning.order)
-            self._output.count(self.returning.events)
+            restart = self.restart
+            self.topics.say(self.doing, self.lockstep, restart.order, restart.oldest)
 
     def _show(self) -> None:
         """Publish the robots' places; not of a resumed team that has not gone back yet."""
@@ -220,7 +210,7 @@ class WorldSimulator(ParameterNode):
         if not self.speed.begun:
             self._start_when_complete(now)
         elif self.lockstep.held:
-            self.returning.look(now, all_listen=lambda: not self._missing())
+            self.restart.look(now, all_listen=lambda: not self._missing())
         elif not self.lockstep.finished:
             self._watch_the_barrier(now)
         if now - self.speed.reported >= REPORT_SECONDS:
@@ -232,9 +222,7 @@ class WorldSimulator(ParameterNode):
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
-        self.returning = Returning(
-            self.run, self.lockstep, self._output, self._on_return
-        )
+        self.restart = Restart(self.run, self.lockstep, self._output, self._on_restart)
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
@@ -263,7 +251,7 @@ class WorldSimulator(ParameterNode):
         return f"ros2 run sparse_coord_ros {started}"
 
     def _start_when_complete(self, now: float) -> None:
-        missing = self.returning.resume() or self._missing()
+        missing = self.restart.missing() or self._missing()
         if missing:
             self.remind(self.reminder, ", ".join(missing))
             limit = self.startup_timeout
@@ -276,17 +264,16 @@ class WorldSimulator(ParameterNode):
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
-        self.returning.begin(now)
         self._say()
         self.get_logger().info(
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
             f"steps, seed {self.run.seed}"
         )
-        if not self.lockstep.held:
-            self.lockstep.start()
+        self.lockstep.start()
+        self._end_when_finished()
 
-    def _on_return(self) -> None:
-        """The team goes back, or continues there."""
+    def _on_restart(self) -> None:
+        """The team has the order to begin, or goes on."""
         if self.lockstep.held:
             self.topics.start_anew()
         self._silence.begin(time.monotonic())
@@ -408,13 +395,10 @@ class WorldSimulator(ParameterNode):
 
     def _counts(self) -> dict[str, Any]:
         """Return the counts of summary and diagnostics."""
-        events = self.returning.events
         return {
             "transitions": self.lockstep.world.transitions,
-            "transitions_lost": self.lockstep.lost,
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
-            **{name: events[name] for name in EVENTS},
             "messages_dropped": self.subscriber.total,
         }
 

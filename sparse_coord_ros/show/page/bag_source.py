@@ -69,7 +69,6 @@ KIND_NAMES = {
     controls.CROSSING: "crossing",
     controls.EXCHANGE: "exchange",
     controls.STOPPED: "robot that another one stops",
-    controls.HELP: "help",
 }
 """The names of what a page can jump to."""
 
@@ -552,11 +551,7 @@ class BagSource(controls.Played):
 
     def _show_curves(self, read: float) -> None:
         """Show the learning curves of the share of the log that was `read`."""
-        fields = messages.curve_fields(self.history)
-        if controls.HELP in kinds_of(self.run.scenario):
-            helped = self._key_steps.steps[controls.HELP]
-            fields |= messages.help_curve(self.history, helped)
-        self.board.put("curves", read=read, **fields)
+        self.board.put("curves", read=read, **messages.curve_fields(self.history))
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""

@@ -56,11 +56,10 @@ CROSSING = "crossing"
 POLICY = "policy"
 EXCHANGE = "exchange"
 STOPPED = "stopped"
-HELP = "help"
-STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY, EXCHANGE, STOPPED, HELP)
+STEP_KINDS = (QUESTION, MISCOORDINATION, CROSSING, POLICY, EXCHANGE, STOPPED)
 """A robot asks; robots miscoordinate; for the first time some are at one doorway and all arrive
 without that; where a robot would ask changes; robots exchange their cells; a robot stays, as
-another one is in its way; robots help each other."""
+another one is in its way."""
 
 TIME_STEP = "step"
 EPISODE = "episode"

@@ -12,7 +12,6 @@ from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import GridMap, regions
 from sparse_coord_ros.core.game.interactions import (
     can_miscoordinate,
-    help_given,
     interactions_of,
     miscoordinations,
 )
@@ -31,7 +30,6 @@ from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
     EXCHANGE,
-    HELP,
     MISCOORDINATION,
     POLICY,
     QUESTION,
@@ -55,7 +53,6 @@ def kinds_of(scenario: Scenario) -> list[str]:
     kinds += [CROSSING] if scenario.map.doorways else []
     kinds += [EXCHANGE] if inter.swaps else []
     kinds += [STOPPED] if inter.blocks else []
-    kinds += [HELP] if inter.helps else []
     return kinds
 
 
@@ -99,7 +96,6 @@ class KeySteps:
             self._add(kind, log.step[found & followed])
         self._add(QUESTION, log.step[asked])
         self._add(MISCOORDINATION, log.step[met_next])
-        self._add(HELP, log.step[_helped(log)])
         if not len(self.steps[CROSSING]):
             self._add(CROSSING, self._first_crossing(part))
         self._add_policy_changes(log)
@@ -181,15 +177,6 @@ def near_doorways(grid: GridMap) -> list[np.ndarray]:
     return found
 
 
-def _helped(log: RunLog) -> np.ndarray:
-    """Return in which time steps of a log robots help each other, shape (T,), bool."""
-    followed = np.diff(log.step, append=-1) == 1
-    after = np.roll(log.cells, -1, axis=0)
-    inter = interactions_of(log.run.scenario)
-    found: np.ndarray = help_given(inter, log.cells.T, after.T) & followed
-    return found
-
-
 class Highlight(NamedTuple):
     """An episode that shows what was learned.
 
@@ -218,8 +205,7 @@ def highlight(
     go after this answer; at a doorway at which the other one is, too, in another cell; best where
     several robots do so at once; goes where it would not go without the answer; and all arrive
     without a miscoordination. Cells that a greedy robot reaches from its start come first: an
-    episode of learning may begin elsewhere. Of episodes that show as much, those in which robots
-    help each other come first.
+    episode of learning may begin elsewhere.
 
     Args:
         log: the part, with at least one episode.
@@ -232,20 +218,18 @@ def highlight(
     begins = np.searchsorted(log.step, history.first_step)
     ends = begins + history.length
     ranks = _ranks(log, team, key_steps)
-    helped = np.add.reduceat(_helped(log), begins) > 0
-    number = _best_episode(ranks, begins, ends, good, helped)
+    number = _best_episode(ranks, begins, ends, good)
     begin = int(begins[number])
     end = int(ends[number])
     first = int(log.step[begin])
     last = int(log.step[end - 1])
     place, k = divmod(int(ranks[begin:end].argmax()), len(log.names))
     row = begin + place
-    also = " Robots help each other in this episode." if helped[number] else ""
     if not ranks[row, k]:
         what = "no robot asks another one"
         if log.asked.any():
             what = "no question is answered"
-        text = f"In the last episodes {what}.{also}"
+        text = f"In the last episodes {what}."
         return Highlight(first, last, None, 0, 0, text)
     cell = int(log.cells[row, k])
     step = logged_step(log, row)
@@ -259,7 +243,7 @@ def highlight(
         if can_miscoordinate(interactions_of(log.run.scenario)):
             met = " without a miscoordination"
         text = f"Here not all robots arrive{met}. {text}"
-    return Highlight(first, last, int(log.step[row]), k, cell, f"{text}{also}")
+    return Highlight(first, last, int(log.step[row]), k, cell, text)
 
 
 def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
@@ -293,11 +277,7 @@ def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
 
 
 def _best_episode(
-    ranks: np.ndarray,
-    begins: np.ndarray,
-    ends: np.ndarray,
-    good: np.ndarray,
-    helped: np.ndarray,
+    ranks: np.ndarray, begins: np.ndarray, ends: np.ndarray, good: np.ndarray
 ) -> int:
     """Return the latest of the episodes that show most.
 
@@ -306,14 +286,13 @@ def _best_episode(
         begins: first row of each episode.
         ends: the row after its last one.
         good: whether all arrive in it without a miscoordination.
-        helped: whether robots help each other in it.
     """
     best = 0
-    best_worth = (False, -1, False, False)
+    best_worth = (False, -1, False)
     for number in range(len(begins)):
         fine = bool(good[number])
         rank = int(ranks[begins[number] : ends[number]].max())
-        worth = (fine and rank > 0, rank, fine, bool(helped[number]))
+        worth = (fine and rank > 0, rank, fine)
         if worth >= best_worth:
             best = number
             best_worth = worth

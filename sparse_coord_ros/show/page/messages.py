@@ -18,7 +18,6 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
-from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import MEASURES
@@ -91,7 +90,6 @@ def run_fields(run: RunConfig) -> Message:
                 name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
             },
             "doorways": sorted(grid.doorways),
-            "helps": np.flatnonzero(interactions_of(scenario).posts).tolist(),
             "under": under(grid),
         },
         "robots": [
@@ -235,22 +233,6 @@ def curve_fields(history: History) -> Message:
         "miscoordinations": means(history.miscoordinations, every),
         "asks": means(history.asks, own),
     }
-
-
-def help_curve(history: History, helped: np.ndarray) -> Message:
-    """Return a learning curve: how often robots helped each other in an episode.
-
-    Its points are those of `curve_fields`.
-
-    Args:
-        history: episodes that come one after the other.
-        helped: the time steps in which help was paid, ascending.
-    """
-    begun = np.searchsorted(helped, history.first_step)
-    times = np.diff(begun, append=len(helped))
-    count = history.episodes
-    begins = np.arange(0, count, _window(count))
-    return {"help": _means(times, np.ones(count), begins)}
 
 
 def _window(count: int) -> int:

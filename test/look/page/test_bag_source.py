@@ -17,12 +17,10 @@ from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.interactions import (
-    help_given,
     interactions_of,
     miscoordinations,
 )
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.core.solve.shipped import yardsticks
@@ -37,7 +35,6 @@ from sparse_coord_ros.log.runlog.explain import (
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
-from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
 from sparse_coord_ros.show.page.controls import (
     JUMP,
@@ -197,8 +194,8 @@ def moves_told(lines):
 
 
 def test_the_page_says_where_a_robot_left_a_stand_off(record):
-    name, settings, values = TEAMS["all peers"]
-    bag = record(name, settings=settings, values={"checkpoint": 100, **values}).bag
+    values = {"checkpoint": 100, "learner": "factored"}
+    bag = record("crowd-3r", settings={"steps": 600}, values=values).bag
     log = read_run(bag)
     left = [
         one
@@ -213,7 +210,8 @@ def test_the_page_says_where_a_robot_left_a_stand_off(record):
         entries = player.board.get("dialogue")["entries"]
         newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
         assert newest["step"] == one.step
-        assert moves_told(newest["lines"])[0] == MAY_HAVE_LEFT
+        if one is left[0]:  # later ones may be known already
+            assert moves_told(newest["lines"])[0] == MAY_HAVE_LEFT
         for _ in range(2):
             player.source.learn()
         player.source.tick()
@@ -584,54 +582,6 @@ def test_jumps_lead_to_what_matters(learned):
         assert step in log.messages.coordination_maps[k][0]
     assert set(kinds_of(log.run.scenario)) <= set(marks)
     player.source.log.bag.close()
-
-
-def test_help_has_marks_a_curve_and_a_sentence(record):
-    player = Player(record("lift", settings={"steps": 2000}).bag, step=None)
-    source = player.source
-    log = read_run(source.log.bag.path)
-    inter = interactions_of(log.run.scenario)
-    helped = help_given(inter, log.cells[:-1].T, log.cells[1:].T)
-    helped &= np.diff(log.step) == 1
-    steps = log.step[:-1][helped]
-    assert len(steps) > 3
-    shown = source.highlight
-    assert ((steps >= shown.first) & (steps <= shown.last)).any()
-    assert shown.text.endswith(" Robots help each other in this episode.")
-    source.read_through()
-    assert set(player.board.get("marks")["help"]) <= set(steps.tolist())
-    curves = player.board.get("curves")
-    history = source.history
-    due = [
-        int(((steps >= first) & (steps < first + length)).sum())
-        for first, length in zip(history.first_step, history.length, strict=True)
-    ]
-    assert curves["window"] == 1
-    assert curves["help"] == due
-    assert sum(due) == len(steps)
-    player.do(SEEK, int(steps[1]))
-    frame = player.do(JUMP, "help")
-    assert frame["step"] == steps[2]
-    assert (
-        frame["helped"]
-        and "robot_1 and robot_2 help each other." in (frame["interactions"])
-    )
-    last = player.do(SEEK, 10**9)["step"]
-    player.do(JUMP, "help")
-    assert player.board.get("said")["text"] == f"No help after time step {last:,}."
-    source.log.bag.close()
-
-
-def test_a_curve_of_help_has_the_points_of_the_others(monkeypatch):
-    monkeypatch.setattr(messages, "POINTS", 2)
-    history = blank_history(3, 2)._replace(
-        first_step=np.array([1, 10, 20]), length=np.array([9, 10, 5])
-    )
-    curve = messages.help_curve(history, np.array([2, 3, 12, 20]))
-    assert curve == {"help": [1.5, 1.0]}
-    assert len(messages.curve_fields(history)["length"]) == 2
-    nothing = messages.help_curve(blank_history(0, 2), np.empty(0, np.int64))
-    assert nothing == {"help": []}
 
 
 def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"
 const CURVES = [
   ["length", "Steps of an episode", [0, 1]],
   ["miscoordinations", "Miscoordinations of an episode", [0, 1]],
-  ["help", "Help in an episode (times)", [0, 1]],
   ["asks", "Questions of a robot", [0, 1]],
 ];
 
@@ -68,11 +67,10 @@ export class Curves {
     }
   }
 
-  // Curves that there are: by the kinds of marks that the runs can have. Only in a bag help is counted.
-  begin(kinds, recorded) {
+  // Curves that there are: by the kinds of marks that the runs can have.
+  begin(kinds) {
     const of = new Map(this.charts);
     of.get("miscoordinations").section.hidden = !kinds.includes("miscoordination");
-    of.get("help").section.hidden = !(recorded && kinds.includes("help"));
   }
 
   // Where the shown time steps lie.

@@ -22,9 +22,6 @@ export function places(run) {
     item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })));
   if (run.kinds.includes("miscoordination")) found.push(
     item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
-  if (run.map.helps.length) found.push(
-    item("help place", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "help-place" })),
-    item("robots help each other", svg("text", { x: 30, y: 12, class: "helped-sign" }, "✔")));
   if (run.kinds.includes("exchange")) found.push(item("robots exchange cells", svg("text", { x: 30, y: 12, class: "met-sign" }, "⇄")));
   if (run.kinds.includes("stopped")) found.push(item("another robot stops it", svg("path", { d: "M30,3v16", class: "bar-in-the-way" })));
   return found;

@@ -44,9 +44,6 @@ export class TeamMap extends View {
     for (const cell of run.map.doorways) {
       this.layer.marks.append(this.square(cell, 3, { class: "doorway", stroke: run.doorway_colour }));
     }
-    for (const cell of run.map.helps) {
-      this.layer.marks.append(this.square(cell, 3, { class: "help-place", "data-cell": cell }));
-    }
     this.corners("start", "S", 9, 11);
     this.corners("goal", "G", UNIT - 9, -11);
     this.bodies = run.robots.map((robot, k) => svg("g", { class: "robot", "data-robot": k + 1, visibility: "hidden" },
@@ -132,8 +129,7 @@ export class TeamMap extends View {
     this.layer.met.replaceChildren(
       ...frame.together.flatMap((cell) => this.meeting(cell)),
       ...frame.exchanges.flatMap((pair) => this.exchange(pair.map((k) => frame.cells[k]))),
-      ...frame.stopped.map(([k, , cell]) => this.barrier(frame.cells[k], cell)),
-      ...frame.helped.flatMap((cell) => this.ring(cell, "helped", "✔")));
+      ...frame.stopped.map(([k, , cell]) => this.barrier(frame.cells[k], cell)));
   }
 
   // A ring around a cell in which robots miscoordinate, and its sign.

@@ -16,7 +16,6 @@ const JUMPS = {
   question: ["question", "the next question"], miscoordination: ["miscoordination", "the next miscoordination"],
   exchange: ["exchange", "the next exchange of cells"],
   stopped: ["stopped robot", "the next robot that another one stops"],
-  help: ["help", "the next time that robots help each other"],
   policy: ["change of asking", "the next change of where a robot would ask"],
   crossing: ["First crossing", "the first time that robots meet at a doorway, and all arrive without a miscoordination"],
 };
@@ -109,7 +108,7 @@ function begin() {
   const rates = run.source === "bag" ? RATES : [...RATES, 0];
   $("rate").replaceChildren(...rates.map((r) => new Option(r ? `${number(r)} steps/s` : "as fast as it goes", r)));
   for (const [kind, { lane }] of Object.entries(lanes)) lane.row.hidden = !run.kinds.includes(kind);
-  charts.begin(run.kinds, run.source === "bag");
+  charts.begin(run.kinds);
   $("penalty").value = run.penalty;
   $("scenario").value = run.scenario;
   showControls();
