@@ -26,6 +26,7 @@ from std_msgs.msg import String
 STEP = QoSProfile(depth=10_000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOVES = [{"east": 1}, {"east": -1}, {"north": 1}, {"north": -1}]
+STEP_SECONDS = 0.1
 LABELS = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
 
 
@@ -115,7 +116,7 @@ class OwnRobot(Node):
     def step_of(self, message):
         """Return the time step of a message."""
         seconds = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds
-        return round(seconds / self.run["step_period"])
+        return round(seconds / STEP_SECONDS)
 
     def cell_of(self, message):
         """Return (row, column) of a pose, from the top left."""

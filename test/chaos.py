@@ -144,12 +144,12 @@ class Team:
         elif name == WORLD:
             given |= {
                 "scenario": "env1",
-                "set": f"['steps={self._plan.steps}', 'perception=probability:0.7']",
+                "steps": self._plan.steps,
+                "perception": "probability:0.7",
                 "seed": self._seed,
                 "checkpoint": self._plan.checkpoint or 100_000,
                 "recorded": "true",
                 "step_timeout": 40.0,
-                "percept_timeout": 20.0,
             }
         out = self.out / BAG_DIRECTORY if name == RECORDER else self.out
         kind = "robot" if name in ROBOTS else name

@@ -32,7 +32,7 @@ def test_counts_that_contradict_one_another_are_named(tmp_path):
     values = {
         "scenario": "env1",
         "out": str(out),
-        "set": ["steps=120"],
+        "steps": 120,
     }
     with ros_context() as context:
         run_team({**values, "record": True}, context=context)

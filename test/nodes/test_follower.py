@@ -113,7 +113,7 @@ def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
     where = tmp_path / "out" / "bag"
     said = capfd.readouterr().err
     assert f"will record to {where}; waiting for a world simulator on /run\n" in said
-    bench.world(out="out", set=["steps=20000"], recorded=True)
+    bench.world(out="out", steps=20000, recorded=True)
     bench.robots()
     bench.spin_until(lambda: recorder.recording is not None, "it records")
     assert "[recorder]: records env1 from now on\n" in capfd.readouterr().err

@@ -34,7 +34,6 @@ SETTINGS = {
 }
 STEPS = 3000
 """Of a team that is killed twice."""
-SETS = [f"{name}={value}" for name, value in SETTINGS.items()]
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def values(out, **more):
         "scenario": "env1",
         "seed": SEED,
         "out": str(out),
-        "set": SETS,
+        **SETTINGS,
         "checkpoint": 150,
     }
     return {**base, **more}

@@ -228,7 +228,7 @@ def test_what_was_missed_is_said_and_begins_no_episode(good, what):
 
 def test_a_page_beside_a_live_team(bench, monkeypatch):
     monkeypatch.setattr(watch, "GONE_SECONDS", 1.5)  # it says its status every second
-    world = bench.world(set=["steps=3000"], checkpoint=20)
+    world = bench.world(steps=3000, checkpoint=20)
     node = bench.add(
         WatchNode(context=bench.place("observer")[0], values={"port": 0}), "observer"
     )
@@ -284,7 +284,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
     try:
         values = {
             "scenario": "env1",
-            "set": ["steps=300"],
+            "steps": 300,
             "out": str(tmp_path / "run"),
         }
         values |= {"seed": 3}

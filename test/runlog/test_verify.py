@@ -99,7 +99,7 @@ def is_first(found, step, robot, quantity):
     ("name", "settings", "values"),
     [
         ("env1", HALF, {}),
-        ("env1", {"perception": "range:2"}, {"resolution": 0.3, "step_period": 0.033}),
+        ("env1", {"perception": "range:2"}, {}),
         ("env2-4r", HALF, {}),
         ("crowd-3r", {**HALF, "peers": "all", "steps": 200}, {}),
         ("env1", {}, {"learner": "noncoop"}),

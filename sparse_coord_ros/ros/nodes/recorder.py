@@ -221,7 +221,7 @@ class Recording:
             return now
         self.now_ns = at
         self._steps += 1
-        if self._steps >= self._node.values["flush_steps"]:
+        if self._steps >= self._node.flush_steps:
             self.flush()
         return at
 
@@ -348,7 +348,7 @@ class Recording:
             self._count = 0
             self.heard = now
         waited = now - self._flushed
-        if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
+        if self.heard > self._flushed and waited >= self._node.flush_seconds:
             self.flush()
 
     def _finds_robots(self) -> bool:
@@ -422,11 +422,14 @@ def checkpoints_in(bag: Bag) -> list[int]:
 class Recorder(Follower):
     """Records every topic of the team and the service events, unchanged.
 
+    A killed recorder loses what it heard since it last flushed.
+
     Args:
         place: where the node is made, and with what: see `NodePlace`. With `direct` another
             process writes the bag, and an error of the recording does not stop the other nodes.
 
     Attributes:
+        flush_seconds, flush_steps: it flushes after so many seconds, and so many time steps.
         directory: the bag's directory.
         recording: its part in the run; None before the run has begun.
         checkpoints: the time steps before which the bag holds everything.
@@ -436,6 +439,8 @@ class Recorder(Follower):
         SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
     """
 
+    flush_seconds = 1.0
+    flush_steps = 1000
     recording: Recording | None = None
     _earlier: Bag | None = None
 

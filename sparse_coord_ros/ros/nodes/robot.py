@@ -10,12 +10,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import (
-    NameTakenError,
-    TablesError,
-    in_short,
-    os_error_text,
-)
+from sparse_coord_ros.base.errors import NameTakenError, TablesError, os_error_text
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent
@@ -102,13 +97,12 @@ class Member:
         run = self.run
         number = self._number
         learning = not self.run.greedy
-        source = self._node.values["tables"]
-        if run.greedy and not source:
+        if run.greedy and not run.tables:
             raise TablesError(
-                f"robot {self._name}: the run is greedy but parameter 'tables' names no learned "
-                "tables; give the output directory of a run"
+                "the run is greedy but parameter 'tables' names no learned tables; give the "
+                "output directory of a run"
             )
-        memory = begin_with(Path(source), run, number) if source else None
+        memory = begin_with(Path(run.tables), run, number) if run.tables else None
         return Agent(
             run.rule, run.scenario, number, run.seed, memory=memory, learning=learning
         )
@@ -376,18 +370,8 @@ class RobotNode(Follower):
         return self._named
 
     def check(self, run: RunConfig) -> None:
-        """Refuse code that may not be imported, and paths that the user did not give this node.
-
-        Raises:
-            NotAllowedError: the run names such code.
-            TablesError: the run begins with tables, and this node has no parameter `tables`.
-        """
+        """Raise `NotAllowedError` where the run names code that may not be imported."""
         run.check_code()
-        if run.tables and not self.values["tables"]:
-            raise TablesError(
-                f"the run begins with the tables of {in_short(run.tables)}, but parameter "
-                "'tables' of this robot is empty; set it to that directory"
-            )
 
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""

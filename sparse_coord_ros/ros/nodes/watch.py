@@ -256,6 +256,7 @@ class WatchNode(Follower):
     """
 
     tick_seconds = PAGE_SECONDS
+    world_timeout = 0.0
     team: "HeardTeam"
 
     def __init__(

@@ -62,6 +62,8 @@ class WorldSimulator(ParameterNode):
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
+        startup_timeout: the seconds that it waits for the other nodes.
+        lost_timeout: the seconds that it waits for lost robots before it ends.
         run: the run.
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: robots without bodies.
@@ -73,6 +75,8 @@ class WorldSimulator(ParameterNode):
         SparseCoordError: a bad parameter, another world, robots that do not come.
     """
 
+    startup_timeout = 60.0
+    lost_timeout = 60.0
     restart: Restart
     _output: Output | None = None
     _rate_timer: Timer | None = None
@@ -250,10 +254,10 @@ class WorldSimulator(ParameterNode):
         missing = self.restart.missing() or self._missing()
         if missing:
             self.remind(self.reminder, ", ".join(missing))
-            limit = self.values["startup_timeout"]
-            if 0 < limit < now - self.born:
+            limit = self.startup_timeout
+            if limit < now - self.born:
                 raise RunError(
-                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
+                    f"after {limit:g} s still no node for {', '.join(missing)}; "
                     f"start each one, as in: {self._start_of(missing)}"
                 )
             return
@@ -299,12 +303,12 @@ class WorldSimulator(ParameterNode):
         missing = side.missing()
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
-        if 0 < self.values["lost_timeout"] <= stands:
+        if self.lost_timeout <= stands:
             why = f"the world has waited for {stands:.0f} s for {names}"
             saved = "all is saved; start all nodes again with parameter resume"
             if not self.values["out"]:
                 saved = "parameter 'out' is empty: the run is not saved"
-            raise RunError(f"lost_timeout: step {side.world.step}: {why}; {saved}")
+            raise RunError(f"step {side.world.step}: {why}; {saved}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
         ):
