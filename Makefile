@@ -8,7 +8,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 # Some containers set this: every process, and the tests start hundreds, would compile all modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check-long reproduce study lint types docs coverage dist bench clean
+.PHONY: demo test check-long reproduce lint types docs coverage dist bench clean
 
 # The same doorway twice: by the paper's learner, and by the factored one. Then both on one page.
 demo: $(VENV)/runs
@@ -27,13 +27,9 @@ test: $(VENV)/tests
 check-long: $(VENV)/tests
 	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
 
-# Every experiment: tables, figures and the text of docs/reproduction.md, into results/.
+# Every experiment: tables and figures of docs/reproduction.md, into results/.
 reproduce: $(VENV)/runs
 	$(BIN)/sparse_coord reproduce --out results
-
-# The tables of docs/coordination.md; results go into study/.
-study: $(VENV)/runs
-	$(BIN)/python -m tools.study --out study
 
 lint: $(VENV)/tests
 	$(BIN)/ruff check .

@@ -29,7 +29,6 @@ setup(
     package_data={
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.lab.driving": ["*.yaml"],
-        f"{PACKAGE}.studies.report": ["templates/*"],
         f"{PACKAGE}.ros.nodes": ["*.yaml"],
         f"{PACKAGE}.show.page": ["static/*"],
     },
@@ -68,7 +67,6 @@ setup(
         "lz4",
         "zstandard",
         "mcap-ros2-support",
-        "jinja2",
         "matplotlib",
         "pandas",
         "pillow",

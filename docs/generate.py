@@ -21,8 +21,8 @@ from sparse_coord_ros.cli.verbs import VERBS, add_verb
 from sparse_coord_ros.core.game.plugins import is_shipped
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.solve.shipped import yardsticks
-from sparse_coord_ros.studies.report.charts import rendered
-from sparse_coord_ros.studies.report.map_pictures import draw_map
+from sparse_coord_ros.show.charts import rendered
+from sparse_coord_ros.show.map_pictures import draw_map
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "generated"

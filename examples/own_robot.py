@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetPlan
@@ -26,6 +26,7 @@ from std_msgs.msg import String
 STEP = QoSProfile(depth=10_000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOVES = [{"east": 1}, {"east": -1}, {"north": 1}, {"north": -1}]
+STEP_SECONDS = 0.1
 LABELS = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
 
 
@@ -36,15 +37,13 @@ class OwnRobot(Node):
         super().__init__("robot", **place)
         self.run = None
         self.map = None
-        self.states = None
+        self.attempt = None
+        self.ears = []
         self.over = False
-        self.state = PoseStamped()
-        self.said = None
-        self.step = -1
-        self.begun = 0
-        self.transitions = 0
+        self.forget()
         self.name = self.get_name()
         self.action = self.create_publisher(JointState, "~/action", STEP)
+        self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
         service = self.create_service(GetPlan, "~/active_perception", self.on_asked)
         contents = ServiceIntrospectionState.CONTENTS
         service.configure_introspection(self.get_clock(), STEP, contents)
@@ -61,21 +60,43 @@ class OwnRobot(Node):
         self.map = message.info
 
     def on_status(self, message):
-        """Join when world and recorder hear this robot; end with the run."""
+        """Begin when the world orders it, and end with the run."""
         values = {one.key: one.value for one in message.values}
         if not self.run or not self.map or values["run"] != self.run["id"]:
             return
+        if self.attempt is None:  # an attempt that is under way is for the others
+            self.attempt = values["attempt"]
+            self.report("")
         heard_by = self.action.get_subscription_count()
-        if not self.states and heard_by > self.run["recorded"]:
+        if values["attempt"] != self.attempt and heard_by > self.run["recorded"]:
+            self.attempt = values["attempt"]
+            self.forget()
+            self.transitions = int(values["transitions"])
             self.listen()
+            self.report(self.attempt)
         self.over = message.message in ("finished", "stopped")
 
+    def report(self, attempt):
+        """Tell the world that this robot can begin anywhere, and which attempt it has begun."""
+        said = [KeyValue(key="checkpoints"), KeyValue(key="attempt", value=attempt)]
+        self.progress.publish(DiagnosticStatus(values=said))
+
+    def forget(self):
+        """Begin where the world begins: nothing has been seen."""
+        self.state = PoseStamped()
+        self.said = None
+        self.step = -1
+        self.begun = 0
+        self.transitions = 0
+
     def listen(self):
-        """Hear the world; without this it does not begin."""
-        self.create_subscription(JointState, "~/reward", self.on_reward, STEP)
-        self.states = self.create_subscription(
-            PoseStamped, "~/local_state", self.on_state, STEP
-        )
+        """Hear the world from now on: no message from before counts."""
+        for ear in self.ears:
+            self.destroy_subscription(ear)
+        self.ears = [
+            self.create_subscription(JointState, "~/reward", self.on_reward, STEP),
+            self.create_subscription(PoseStamped, "~/local_state", self.on_state, STEP),
+        ]
 
     def on_state(self, message):
         """Act in a new state; say the same again where the world says the state again."""
@@ -95,7 +116,7 @@ class OwnRobot(Node):
     def step_of(self, message):
         """Return the time step of a message."""
         seconds = 1e-9 * Time.from_msg(message.header.stamp).nanoseconds
-        return round(seconds / self.run["step_period"])
+        return round(seconds / STEP_SECONDS)
 
     def cell_of(self, message):
         """Return (row, column) of a pose, from the top left."""

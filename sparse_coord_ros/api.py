@@ -58,7 +58,6 @@ from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
 from sparse_coord_ros.core.solve.exact import ExactEvaluation
-from sparse_coord_ros.core.solve.joint_mdp import JointMDP, joint_mdp
 from sparse_coord_ros.core.solve.optimum import joint_optimum as optimum
 from sparse_coord_ros.core.solve.reference import (
     shortest_path_reference as shortest_paths,
@@ -68,11 +67,10 @@ from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     shipped_asking_team,
 )
-from sparse_coord_ros.studies.benchmark import Entry, benchmark
+from sparse_coord_ros.studies.benchmark import Standings, benchmark
 from sparse_coord_ros.studies.catalogue import experiment_names
 from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.leaderboard import Leaderboard, load_leaderboard
 from sparse_coord_ros.studies.runner import (
     ExperimentResults,
     Progress,
@@ -94,7 +92,7 @@ __all__ = ["load_scenario", "scenario_names", "Scenario"]
 __all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
 # What it is worth
 __all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
-__all__ += ["optimum", "shortest_paths", "joint_mdp", "JointMDP"]
+__all__ += ["optimum", "shortest_paths"]
 __all__ += ["find_asking_team", "shipped_asking_team", "AskingTeam", "RobotPolicy"]
 # Environments for other people's learners
 __all__ += ["vector_env", "VectorGame"]
@@ -102,7 +100,7 @@ __all__ += ["vector_env", "VectorGame"]
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
 __all__ += ["sweep", "experiment_names", "run_experiment", "ExperimentResults"]
-__all__ += ["benchmark", "Entry", "Leaderboard", "load_leaderboard"]
+__all__ += ["benchmark", "Standings"]
 # The user's own learners and perception models
 __all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
 __all__ += ["register_learner", "register_perception", "perception_model"]

@@ -8,12 +8,10 @@ Run S + i is drawn from that number: a team of processes (world, two robots, rec
 happens to them at which time steps: SIGKILL and a start with `resume:=true`, to one of them or to
 all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tables are to be those
 of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
-to say "identical"; where a recorder was killed or stopped, that its recording lacks something.
+to say "identical"; where a recorder was killed or stopped, its recording may lack something.
 Summary, history, diagnostics and log are to count alike (`live_teams.odd_counts`).
 
-In some runs other things happen: the output directory is deleted; or the world goes on where it is
-(`returning:=continue`) while two are killed in a row: the tables are then those of no run, and
-`verify` may find it undecided.
+In some runs the output directory is deleted.
 """
 
 import argparse
@@ -24,10 +22,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import dying
 from live_teams import command, node_words, odd_counts, same_tables
 from patience import PATIENCE_SECONDS
 
@@ -78,13 +77,13 @@ class Plan(NamedTuple):
         steps: its budget.
         checkpoint: time steps between two checkpoints.
         faults: what happens, in order.
-        returning: the world's parameter.
+        rate: time steps a second.
     """
 
     steps: int
     checkpoint: int
-    faults: tuple[Fault, ...]
-    returning: str = "rollback"
+    faults: tuple[Fault, ...] = ()
+    rate: float = RATE
 
 
 def plan_of(seed: int) -> Plan:
@@ -92,21 +91,20 @@ def plan_of(seed: int) -> Plan:
     chance = random.Random(seed)
     steps = chance.randrange(300, 601)
     faults = []
-    kind = chance.choice((KILL, KILL, KILL, "continue", "continue", DELETE))
-    for _ in range(2 if kind == "continue" else chance.choice((1, 1, 2, 3))):
+    kind = chance.choice((KILL, KILL, KILL, KILL, KILL, DELETE))
+    for _ in range(chance.choice((1, 1, 2, 3))):
         who = chance.choice(
             (*((node,) for node in NODES), *((node,) for node in NODES), NODES)
         )
         what = KILL
         seconds = chance.choice((0.0, chance.uniform(0.0, 2.0)))
-        if len(who) == 1 and kind != "continue" and chance.random() < 0.3:
+        if len(who) == 1 and chance.random() < 0.3:
             what = STOP
             seconds = chance.uniform(0.1, 3.0)
         faults.append(Fault(chance.randrange(1, steps // 4), who, what, seconds))
     if kind == DELETE:
         faults = [Fault(chance.randrange(1, steps // 4), NODES, DELETE, 0.0)]
-    returning = "continue" if kind == "continue" else "rollback"
-    return Plan(steps, chance.choice((0, 7, 25, 40, 100)), tuple(faults), returning)
+    return Plan(steps, chance.choice((0, 25, 40, 100)), tuple(faults))
 
 
 class Team:
@@ -116,9 +114,16 @@ class Team:
         plan: the run.
         seed: of the run.
         folder: where it writes.
+        dies: for nodes that are to die in a function, the arguments of `dying.py`.
     """
 
-    def __init__(self, plan: Plan, seed: int, folder: Path) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        seed: int,
+        folder: Path,
+        dies: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
         self._plan = plan
         self._seed = seed
         self._folder = folder
@@ -127,29 +132,30 @@ class Team:
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self.codes: list[tuple[str, int]] = []
         for name in NODES:
-            self.start(name, resume=False)
+            self.start(name, resume=False, dies=(dies or {}).get(name, ()))
 
-    def start(self, name: str, *, resume: bool) -> None:
-        """Start a node."""
+    def start(self, name: str, *, resume: bool, dies: Sequence[str] = ()) -> None:
+        """Start a node; where it is to die in a function, with the arguments of `dying.py`."""
         given: dict[str, object] = {}
         if name == WORLD:
-            given |= {"rate": RATE, "returning": self._plan.returning}
+            given |= {"rate": self._plan.rate}
         if resume:
             given["resume"] = "true"
         elif name == WORLD:
             given |= {
                 "scenario": "env1",
-                "set": f"['steps={self._plan.steps}', 'perception=probability:0.7']",
+                "steps": self._plan.steps,
+                "perception": "probability:0.7",
                 "seed": self._seed,
                 "checkpoint": self._plan.checkpoint or 100_000,
                 "recorded": "true",
                 "step_timeout": 40.0,
-                "percept_timeout": 20.0,
             }
         out = self.out / BAG_DIRECTORY if name == RECORDER else self.out
-        words = command(
-            "robot" if name in ROBOTS else name, *node_words(name, out=out, **given)
-        )
+        kind = "robot" if name in ROBOTS else name
+        words = command(kind, *node_words(name, out=out, **given))
+        if dies:
+            words = [sys.executable, dying.__file__, *dies, *words[3:]]
         with (self._folder / "log").open("ab") as log:
             self.running[name] = subprocess.Popen(
                 words, stdout=log, stderr=log, start_new_session=True
@@ -193,7 +199,7 @@ class Team:
 
     def suffer(self, fault: Fault) -> None:
         """Let a fault happen, so many steps from now."""
-        time.sleep(fault.step / RATE)
+        time.sleep(fault.step / self._plan.rate)
         self.reap()
         alive = [name for name in fault.who if name in self.running]
         if WORLD not in self.running:  # the run is over
@@ -251,18 +257,16 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
 
 def judge(plan: Plan, out: Path) -> list[str]:
     """Return what is wrong with the outcome."""
-    alone = plan.returning == "continue"
     try:
-        wrong = [] if alone or same_tables(out) else ["tables"]
+        wrong = [] if same_tables(out) else ["tables"]
         bags = (out / BAG_DIRECTORY, out / f"{BAG_DIRECTORY}_rescued")
         found = verify(next(bag for bag in bags if bag.exists()))
     except SparseCoordError as error:
         return [str(error)]
     struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
-    if not alone:
-        wrong += [] if found.difference is None else [f"verify: {found.difference}"]
+    wrong += [] if found.difference is None else [f"verify: {found.difference}"]
     # Fast DDS may leave a process deaf that stood still for more than a second.
-    if not struck & {KILL, STOP} and not alone:
+    if not struck & {KILL, STOP}:
         wrong += [] if found.undecided is None else [f"undecided: {found.undecided}"]
     whole = not struck & {KILL, STOP} and found.difference is None
     return wrong + odd_counts(out, found if whole else None)
@@ -283,7 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             plan, wrong = one_run(seed, folder)
             failed += bool(wrong)
             told = "; ".join(map(str, plan.faults))
-            what = f"{plan.steps} steps, saved each {plan.checkpoint}, {plan.returning}: {told}"
+            what = f"{plan.steps} steps, saved each {plan.checkpoint}: {told}"
             took = f"{time.monotonic() - began:.1f} s"
             print(
                 f"run {seed} ({took}): {what}: {'; '.join(wrong) or 'ok'}", flush=True

@@ -181,7 +181,7 @@ def row(condition: Condition) -> str:
     """Run a team of env1 on hosts of its own and return the row of the table."""
     with tempfile.TemporaryDirectory(prefix="sparse_coord_hosts_") as folder:
         out = Path(folder) / "run"
-        problem = {"scenario": "env1", "set": f"['steps={condition.steps}']"}
+        problem = {"scenario": "env1", "steps": condition.steps}
         nodes = [command("world_simulator", *node_words(WORLD, out=out, **problem))]
         nodes += [command("robot", *node_words(name, out=out)) for name in ROBOTS]
         with hosts(len(nodes), condition) as entries:

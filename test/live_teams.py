@@ -15,7 +15,7 @@ from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.log.runlog import Verification
-from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, read_status, values_of
+from sparse_coord_ros.protocol.wire.status import read_status, values_of
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE
 
@@ -58,10 +58,6 @@ def same_tables(out: Path) -> bool:
     )
 
 
-DISTURBED = ("timeouts", "transitions_lost", "robot_steps_lost", "replaced_robots")
-"""Counts of a summary with which a robot may have asked more or less often than the world saw."""
-
-
 def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
     """Return in what summary, history and log of a run contradict one another.
 
@@ -74,16 +70,16 @@ def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
     names = [r.name for r in load_run(out).scenario.robots]
     asks = dict(zip(names, history.asks.sum(axis=0).tolist(), strict=True))
     due = {
-        "transitions, and those of history.npz and lost": (
+        "transitions, and those of history.npz": (
             summary["transitions"],
-            int(history.length.sum()) + summary["transitions_lost"],
+            int(history.length.sum()),
         ),
         "miscoordinations, and those of history.npz": (
             summary["miscoordinations"],
             int(history.miscoordinations.sum()),
         ),
     }
-    quiet = not any(summary[name] for name in DISTURBED)
+    quiet = not summary["timeouts"]
     if quiet and "asks" in summary:
         for name, said in summary["asks"].items():
             own = said["answered"] + said["refused"] + said["late"]
@@ -108,7 +104,6 @@ def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
 def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, object]]:
     """Return pairs that are to be equal: what the summary counts, and what the bag says last."""
     last: dict[str, str] = {}
-    orders = set()
     bag = found.log.bag
     for message in bag.messages([ros_topics.DIAGNOSTICS.name]):
         for said in deserialize_message(
@@ -118,8 +113,6 @@ def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, o
     status = None
     for message in bag.messages([f"/{ros_topics.STATUS.name}"]):
         status = read_status(deserialize_message(message.data, ros_topics.STATUS.type))
-        if status.order.step != NO_ROLLBACK:
-            orders.add(status.order.name)
     assert status is not None
     due: dict[str, tuple[object, object]] = {
         f"{name}, in summary and diagnostics": (str(value), last[name])
@@ -131,9 +124,6 @@ def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, o
         at,
         (status.transitions, status.step),
     )
-    orders.discard("")
-    taken = summary["taken_back"]
-    due["orders to go back, in summary and bag"] = (taken, max(taken, len(orders)))
     if found.same:
         due["transitions, in summary and bag"] = (summary["transitions"], found.steps)
     return due

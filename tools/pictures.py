@@ -19,7 +19,7 @@ from pathlib import Path
 
 TUTORIALS = Path(__file__).resolve().parents[1] / "docs" / "tutorials"
 PICTURES = TUTORIALS / "pictures"
-PAGES = ("five_minutes", "step_aside", "what_the_log_knows", "office")
+PAGES = ("five_minutes", "step_aside", "office")
 BLOCK = re.compile(
     r"(<!-- test: no[^\n]*-->\n)?^```bash\n(.*?)^```$", re.DOTALL | re.MULTILINE
 )

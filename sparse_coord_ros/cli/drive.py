@@ -103,8 +103,8 @@ def execute(options: argparse.Namespace) -> None:
     facts = facts_of(run, driven, grid, values["speed"])
     if options.out is not None:
         with pictures.drawing():
+            from sparse_coord_ros.show.charts import rendered
             from sparse_coord_ros.show.paths import paths_figure
-            from sparse_coord_ros.studies.report.charts import rendered
 
             write_whole(options.out, rendered(paths_figure(run, driven), kind, DPI))
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]

@@ -123,8 +123,8 @@ def write(options: argparse.Namespace, made: ImportedMap) -> Path:
     for path, content in made.files.items():
         write_whole(path, content)
     with drawing():
+        from sparse_coord_ros.show.charts import rendered
         from sparse_coord_ros.show.paths import floor_figure
-        from sparse_coord_ros.studies.report.charts import rendered
 
         grid = made.imported.grid
         robots = () if made.scenario is None else made.scenario.robots

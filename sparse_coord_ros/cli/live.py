@@ -30,7 +30,7 @@ from sparse_coord_ros.ros.nodes.environment import (
     ros_domain,
 )
 from sparse_coord_ros.ros.nodes.outputs import gather
-from sparse_coord_ros.ros.nodes.parameters import TEAM_PARAMETERS, of_node
+from sparse_coord_ros.ros.nodes.parameters import of_node, team_values
 from sparse_coord_ros.ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.ros.nodes.team import run_team, team_run
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -55,7 +55,7 @@ def run(
     """Run a team and return its summary.
 
     Args:
-        values: some of `TEAM_PARAMETERS`, as texts or typed.
+        values: some of `TEAM_PARAMETERS` and of the scenario's settings, as texts or typed.
         processes: whether every node has its own process; else all are in this one.
         quiet: no progress lines.
         page: the board of a page that shows the team in this process; None: none.
@@ -64,7 +64,7 @@ def run(
     Raises:
         SparseCoordError: bad input.
     """
-    values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
+    values = team_values(values)
     with signals() if stop is None else nullcontext(stop) as stop, sole_team():
         if processes:
             return _run_processes(values, stop, quiet)

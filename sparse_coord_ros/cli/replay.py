@@ -8,7 +8,7 @@ import re
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.cli.options import BAG, Option, ros_needed
 
-NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
+NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start"}
 """Names of the player's parameters on the command line."""
 PARAMETER = re.compile(r"^(?:node player: )?parameter (\w+)")
 """The name of one at the beginning of an error."""
@@ -27,13 +27,6 @@ OPTIONS = (
     ),
     Option("--loop", bool, "restart at the end"),
     Option(
-        "--topics TOPIC",
-        None,
-        "only this topic, and /clock; a name, or a pattern like '/robot_1*'; repeatable (default: "
-        "all but /rosout and /parameter_events)",
-        {"action": "append"},
-    ),
-    Option(
         "--step",
         bool,
         "start paused; space resumes, the right arrow or /player/step plays the next time step",
@@ -51,7 +44,6 @@ def execute(options: argparse.Namespace) -> int:
         "rate": options.rate,
         "position": options.start,
         "loop": options.loop,
-        "topics": options.topics or [""],
         "start_paused": options.step,
     }
 

@@ -108,7 +108,7 @@ def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
         ]
         yield format_table(head, rows)
     if done.targets.experiments:
-        yield f"report: {out / 'reproduction.md'}"
+        yield f"tables: {out / 'tables'}, figures: {out / 'figures'}"
     for one in done.runs:
         scenario = one.condition.scenario
         learned = make_run(

@@ -106,7 +106,7 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     if options.resume is not None:
         shared.nothing_else_given(options)
         out = options.resume
-        values = {"resume": True, "scenario": "", "set": [""]}
+        values = {"resume": True, "scenario": ""}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
         if options.greedy and not options.tables:
@@ -121,10 +121,7 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
             "greedy",
             "checkpoint",
         ]
-        changed = [
-            f"{name}={value}" for name, value in shared.settings_of(options).items()
-        ]
-        values = {"set": changed or [""], "record": not options.no_record}
+        values = {**shared.settings_of(options), "record": not options.no_record}
     for name in names:
         value = getattr(options, name)
         if value is not None:

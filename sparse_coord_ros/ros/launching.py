@@ -264,7 +264,7 @@ class LaunchedTeam:
         world |= {**self.of(OF_WORLD), "recorded": self.get("record")}
         self.add(WORLD, {**own, **world, **more, **self._settings})
         for robot in self.scenario.robots:
-            self.add("robot", {**own, **self.of(["tables"])}, robot.name)
+            self.add("robot", own, robot.name)
         if self.get("record"):
             self.add(RECORDER, {**own, "out": str(Path(self._out) / "bag")})
 

@@ -21,10 +21,10 @@ from matplotlib.ticker import MaxNLocator
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
 from sparse_coord_ros.base.palette import robot_colour
 from sparse_coord_ros.core.game.actions import DIRECTIONS
+from sparse_coord_ros.show.charts import embedded
+from sparse_coord_ros.show.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
-from sparse_coord_ros.studies.report.charts import embedded
-from sparse_coord_ros.studies.report.map_pictures import COLOUR_MAP, draw_map
 
 LINE_WIDTH = 11.0
 """Greatest width of a line of panels, in inches."""

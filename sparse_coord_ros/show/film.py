@@ -18,9 +18,9 @@ from PIL import Image
 from sparse_coord_ros.base import palette
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.show.episodes import Episode
+from sparse_coord_ros.show.map_pictures import draw_map
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.steps import Interacting, Question, questions_of
-from sparse_coord_ros.studies.report.map_pictures import draw_map
 
 DPI = 100
 LONGEST_FILM_SIDE = 7.2

@@ -27,7 +27,9 @@ from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol.wire import PERCEPT
-from sparse_coord_ros.studies.store import MANIFEST
+
+RESULTS_FILE = "results.json"
+"""What a directory of `sparse_coord reproduce` has."""
 
 PLAYED_EPISODES = 200
 """Number of greedy episodes for pictures of visited cells and questions."""
@@ -171,7 +173,7 @@ def in_memory(config: RunConfig, tables: list[Tables], history: History) -> Open
 
 def is_results(path: Path) -> bool:
     """Return whether a directory contains results of `sparse_coord reproduce`."""
-    return (path / MANIFEST).is_file()
+    return (path / RESULTS_FILE).is_file()
 
 
 def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Experiments: the paper's tables and figures, and the benchmark.
 
-Conditions are data, results are files, and `report` makes tables, figures and text of them. This
-part imports `core` and `base`.
+Conditions are data, results are files, and `report` makes tables and figures of them. This part
+imports `show`, `core` and `base`.
 """

@@ -3,52 +3,41 @@
 """The benchmark: how learners stand in fixed lists of scenarios (`studies.lists`).
 
 A scenario's gap lies between robots on fixed shortest paths, which ignore each other, and its top:
-of two robots the best asking team found, which is no upper bound, of more an upper bound by groups
-of robots (`core.solve.group_bound`). Where percepts fail the top is that of sure percepts.
+of two robots the best asking team found, which is no upper bound, of more a shipped upper bound.
+Where percepts fail the top is that of sure percepts.
 """
 
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sparse_coord_ros.base.errors import (
-    SettingError,
-    check_argument,
-    in_short,
-)
-from sparse_coord_ros.base.files import read_file
-from sparse_coord_ros.base.yaml_text import parse_yaml
-from sparse_coord_ros.core.engine.batch import run_batch
+import numpy as np
+
+from sparse_coord_ros.base.dataframes import data_frame, shown_as
+from sparse_coord_ros.base.errors import SettingError, check_argument
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
-from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS, Scenario
-from sparse_coord_ros.core.game.settings import Setting, as_text
+from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS
+from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
 from sparse_coord_ros.core.runs.evaluation import fails
-from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.core.solve.exact import evaluate_best
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
-from sparse_coord_ros.core.solve.shipped import game_digest, known_top
+from sparse_coord_ros.core.solve.shipped import known_top
+from sparse_coord_ros.studies.condition_result import ConditionResult, standard_error
 from sparse_coord_ros.studies.conditions import Condition, make_condition
-from sparse_coord_ros.studies.leaderboard import (
-    BUDGETS,
-    NEARLY_ALL,
-    BenchmarkResult,
-    Leaderboard,
-    Place,
-)
 from sparse_coord_ros.studies.lists import (
     LISTS,
     PENALTY,
+    SAMPLED,
     TUNING,
     Item,
     items_of,
 )
 from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment, warn
-from sparse_coord_ros.studies.standings import failed_teams
 from sparse_coord_ros.studies.store import Say
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TEAM_RUNS = Setting(
     "runs", int, 10, "teams that learn in each scenario", low=2, high=1_000_000
@@ -62,269 +51,76 @@ TEAM_TRIALS = Setting(
     high=1_000_000,
 )
 
-
 CHANGEABLE = (*PROTOCOL, "peers")
-"""Settings that an entry may change: those of learning, and whom a robot asks."""
+"""Settings that may be changed: those of learning, and whom a robot asks."""
+
+RESAMPLES = 2000
+"""Of a bootstrap."""
 
 
 @dataclass(frozen=True)
-class Entry:
-    """Who is judged: a learner with its settings, or teams that have learned elsewhere.
+class Standing:
+    """How a learner stands in a list of scenarios.
 
     Attributes:
-        title: what the leaderboard calls it.
-        learner: name of the learner; empty: teams that have learned elsewhere.
-        settings: changed settings of learning.
-        runs: the folder of the run directories of such teams, one or more a scenario.
+        list: the list's name.
+        learner: the learner's name.
+        share: closed share of the pooled gap; None: it cannot learn every scenario of the list.
+        error: the standard error of the share: of generated buildings a bootstrap over buildings,
+            and teams in each, else that of the teams.
+        failed: teams in which some robot fails to arrive in more than one trial of a thousand.
+        teams: all teams.
     """
 
-    title: str
-    learner: str = ""
-    settings: Mapping[str, object] | None = None
-    runs: str = ""
+    list: str
+    learner: str
+    share: float | None = None
+    error: float | None = None
+    failed: int = 0
+    teams: int = 0
 
-    def condition(self, item: Item, steps: int) -> Condition | None:
-        """Return the condition of a scenario; None: the learner cannot learn it."""
-        given = {**(self.settings or {}), **item.settings}
-        values = {**given, "penalty": PENALTY, "steps": steps}
-        try:
-            return make_condition(item.scenario, self.learner, values)
-        except SettingError:
-            return None
-
-
-# Entries.
-
-
-def read_entries(file: Path) -> list[Entry]:
-    """Read a file of entries: YAML with `entries`, a list of learners, their titles and settings.
-
-    Raises:
-        SettingError: it is no such file, or an entry is malformed.
-    """
-    text = read_file(file, SettingError, "give a file of entries").decode()
-    said = parse_yaml(text, where=str(file), error=SettingError)
-    entries = said.get("entries")
-    if set(said) != {"entries"} or not isinstance(entries, list) or not entries:
-        raise SettingError(f"{file}: must be 'entries:' and a list; add a learner")
-    return [_entry(one, f"{file}, entry {n}") for n, one in enumerate(entries, start=1)]
-
-
-def _entry(said: Any, where: str) -> Entry:
-    allowed = ("title", "learner", "settings", "runs")
-    fits = isinstance(said, dict) and set(said) <= set(allowed)
-    if not fits or ("learner" in said) == ("runs" in said):
-        what = f"{where}: is {in_short(said)}"
-        raise SettingError(
-            f"{what}, allowed: title, and learner with settings, or runs"
-        )
-    settings = said.get("settings", {})
-    if not isinstance(settings, dict):
-        raise SettingError(
-            f"{where}: settings are {in_short(settings)}, allowed: a mapping"
-        )
-    learner = str(said.get("learner", ""))
-    runs = str(said.get("runs", ""))
-    return Entry(str(said.get("title", learner or runs)), learner, settings, runs)
-
-
-def entry_of(given: "LearnerLike | Entry", settings: Mapping[str, object]) -> Entry:
-    """Return an entry of a learner, or of what names it; settings are changed for all.
-
-    Raises:
-        SettingError: no such learner; a setting that an entry may not change.
-    """
-    if not isinstance(given, Entry):
-        name = chosen_learner(given).label
-        given = Entry(name, name)
-    changed = {**(given.settings or {}), **settings}
-    SETTINGS.parse(changed)
-    fixed = [name for name in changed if name not in CHANGEABLE]
-    if fixed:
-        raise SettingError(
-            f"benchmark: with {', '.join(fixed)} another game would be played, and its "
-            "bounds are unknown; change settings of learning only"
-        )
-    if given.learner:
-        chosen_learner(given.learner)
-    return Entry(given.title, given.learner, changed, given.runs)
-
-
-# Judging.
+    def row(self) -> dict[str, str]:
+        """Return it as texts, by the names of columns."""
+        row = {"list": self.list, "learner": self.learner}
+        if self.share is None or self.error is None:
+            return row | {"share of the gap": "-", "failed teams": "-"}
+        share = f"{percent(self.share)} ({100 * self.error:.1f})"
+        failed = f"{self.failed} of {self.teams}"
+        return row | {"share of the gap": share, "failed teams": failed}
 
 
 @dataclass(frozen=True)
-class Judge:
-    """How entries are judged: arguments as of `benchmark`, checked."""
+class Standings:
+    """How learners stand, list by list.
 
-    steps: int
-    runs: int
-    trials: int
-    seed: int
-    out: str | Path | None
-    how: Mapping[str, Any]
-
-    def place(self, entry: Entry, name: str, items: Sequence[Item]) -> Place:
-        """Return how an entry stands in a list."""
-        if entry.runs:
-            judged = self._elsewhere(entry, items)
-        else:
-            judged = self.learned(entry, items, self.steps)
-        place = Place(
-            title=entry.title,
-            learner=entry.learner,
-            settings={k: as_text(v) for k, v in (entry.settings or {}).items()},
-            list=name,
-            judged=judged,
-            steps=self.steps,
-            steps_to_90=None,
-            seconds=None,
-        )
-        if not judged or not entry.learner:
-            return place
-        return replace(
-            place,
-            steps_to_90=self._steps_to_90(entry, items, place),
-            seconds=self.seconds(entry, items[0]),
-        )
-
-    def learned(
-        self, entry: Entry, items: Sequence[Item], steps: int
-    ) -> tuple[BenchmarkResult, ...]:
-        """Let teams learn in each scenario; empty: the learner cannot learn all of them."""
-        conditions = [entry.condition(item, steps) for item in items]
-        if None in conditions:
-            return ()
-        results = run_experiment(
-            [one for one in conditions if one is not None],
-            out=self.out,
-            runs=self.runs,
-            trials=self.trials,
-            seed=self.seed,
-            **self.how,
-        )
-        found = []
-        for item, one in zip(items, results.values(), strict=True):
-            returns = one.run_means("returns").tolist()
-            found.append(
-                result_of(item, one.scenario, tuple(returns), failed_teams(one))
-            )
-        return tuple(found)
-
-    def _elsewhere(
-        self, entry: Entry, items: Sequence[Item]
-    ) -> tuple[BenchmarkResult, ...]:
-        """Evaluate teams that have learned elsewhere; empty: a scenario has none."""
-        teams = list(_teams_in(Path(entry.runs)))
-        found = []
-        for item in items:
-            scenario = scenario_of(item)
-            digest = game_digest(scenario)
-            own = [
-                evaluate_best(
-                    run.scenario, tables, trials=self.trials, learner=run.rule
-                )
-                for run, tables in teams
-                if game_digest(run.scenario) == digest
-            ]
-            if not own:
-                self.how["say"](
-                    f"{entry.runs}: holds no team of {item.scenario}, penalty {PENALTY:g}; its "
-                    "list is not judged"
-                )
-                return ()
-            returns = tuple(one.returns.mean for one in own)
-            failed = sum(fails(one.all_arrived) for one in own)
-            found.append(result_of(item, scenario, returns, failed))
-        return tuple(found)
-
-    def _steps_to_90(
-        self, entry: Entry, items: Sequence[Item], whole: Place
-    ) -> int | None:
-        """Return the least budget that closes `NEARLY_ALL` of the gap; None: none does."""
-        if whole.share[0] < NEARLY_ALL:
-            return None
-        for budget in BUDGETS:
-            if budget < self.steps:
-                judged = self.learned(entry, items, budget)
-                tried = replace(whole, judged=judged)
-                if tried.share[0] >= NEARLY_ALL:
-                    return budget
-        return self.steps
-
-    def seconds(self, entry: Entry, item: Item) -> float:
-        """Return the processor time of one learning run; a first one compiles."""
-        condition = entry.condition(item, self.steps)
-        assert condition is not None  # teams of it have learned
-        engine = self.how["engine"]
-        began = 0.0
-        for _ in range(2):
-            began = time.process_time()
-            list(
-                run_batch(
-                    condition.scenario,
-                    entry.learner,
-                    [self.seed],
-                    trials=0,
-                    jobs=1,
-                    engine=engine,
-                )
-            )
-        return time.process_time() - began
-
-
-def result_of(
-    item: Item, scenario: Scenario, returns: tuple[float, ...], failed: int
-) -> BenchmarkResult:
-    """Return what teams are worth in a scenario of a list.
-
-    Args:
-        item: the scenario, as the list has it.
-        scenario: as the teams learned it.
-        returns: of each team, averaged over its robots.
-        failed: teams that fail.
-
-    Raises:
-        SettingError: the end of the scenario's gap is unknown.
+    Attributes:
+        standings: of each list and learner, in the order in which they were asked for.
     """
-    top = known_top(scenario.with_settings({"perception": "always"}))
-    if top is None:
-        raise SettingError(
-            f"benchmark: of scenario {item.scenario} the end of its gap is unknown; compute it "
-            "by python -m tools.shipped bounds"
-        )
-    said = [f"{name}={as_text(value)}" for name, value in item.settings.items()]
-    paths = shortest_path_reference(scenario).returns
-    return BenchmarkResult(
-        ", ".join([item.scenario, *said]), paths, top, returns, failed
-    )
 
+    standings: tuple[Standing, ...]
 
-def scenario_of(item: Item) -> Scenario:
-    """Return the scenario of an item, as any learner plays it."""
-    return make_condition(
-        item.scenario, "noncoop", {**item.settings, "penalty": PENALTY}
-    ).scenario
+    def __repr__(self) -> str:
+        """Return what it says, a line a standing."""
+        rows = [one.row() for one in self.standings]
+        columns = {name: [row[name] for row in rows] for name in rows[0]}
+        return shown_as(f"<benchmark: {len(rows)} standings>", columns)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"standings": [asdict(one) for one in self.standings]}
 
-def _teams_in(folder: Path) -> Iterator[tuple[Any, Any]]:
-    """Yield the run and the tables of each run directory in a folder.
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a data frame: a row for each standing, a column for each of its attributes.
 
-    Raises:
-        SettingError: there is none.
-    """
-    found = sorted(file.parent for file in folder.glob("*/run.yaml"))
-    if not found:
-        raise SettingError(
-            f"{folder}: has no run directories; give a folder with outputs of train or run in it"
-        )
-    for directory in found:
-        run = load_run(directory)
-        yield run, load_team(directory, run.scenario, run.rule)
+        Raises:
+            RunError: pandas is not installed.
+        """
+        rows = [asdict(one) for one in self.standings]
+        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
 
 
 def benchmark(
-    learners: "LearnerLike | Entry | Iterable[LearnerLike | Entry]" = "factored",
+    learners: "LearnerLike | Iterable[LearnerLike]" = "factored",
     *,
     lists: Sequence[str] = TUNING,
     steps: int = 100_000,
@@ -338,12 +134,11 @@ def benchmark(
     progress: Progress = no_progress,
     say: Say = warn,
     **settings: object,
-) -> Leaderboard:
+) -> Standings:
     """Judge learners on fixed lists of scenarios, at a penalty of -100.
 
     Args:
-        learners: a learner, or several; an `Entry` has a title and settings of its own, or names
-            run directories of teams that have learned elsewhere.
+        learners: a learner, or several.
         lists: names of lists (`studies.lists.LISTS`): paper, percepts, and generated buildings:
             "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
             with "validation", and with "unseen2" for closing figures.
@@ -360,8 +155,8 @@ def benchmark(
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Raises:
-        SettingError: no learner; two entries of one title; an unknown learner, list or setting;
-            a setting that changes the game.
+        SettingError: no learner; an unknown learner, list or setting; a setting that changes the
+            game.
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
     given = isinstance(lists, Sequence) and not isinstance(lists, str)
@@ -371,32 +166,113 @@ def benchmark(
     named: list[Any] = list(learners) if many else [learners]  # type: ignore[arg-type]
     if not named:
         raise SettingError("benchmark: no learner is given; name one, e.g. 'factored'")
-    entries = [entry_of(one, settings) for one in named]
-    titles = [entry.title for entry in entries]
-    for title in titles:
-        if titles.count(title) > 1:
-            raise SettingError(
-                f"benchmark: {title!r} is given {titles.count(title)} times, allowed: once; leave "
-                "the others out, or give each entry a title of its own in a .yaml file"
-            )
-    how = {
+    names = list(dict.fromkeys(chosen_learner(one).label for one in named))
+    SETTINGS.parse(settings)
+    fixed = [name for name in settings if name not in CHANGEABLE]
+    if fixed:
+        raise SettingError(
+            f"benchmark: with {', '.join(fixed)} another game would be played, and its "
+            "bounds are unknown; change settings of learning only"
+        )
+    steps = SETTINGS["steps"].parse(steps)
+    how: dict[str, Any] = {
+        "out": out,
+        "runs": TEAM_RUNS.parse(runs),
+        "trials": TEAM_TRIALS.parse(trials),
+        "seed": seed,
         "engine": engine,
         "jobs": jobs,
         "scheduler": scheduler,
         "progress": progress,
         "say": say,
     }
-    judge = Judge(
-        SETTINGS["steps"].parse(steps),
-        TEAM_RUNS.parse(runs),
-        TEAM_TRIALS.parse(trials),
-        seed,
-        out,
-        how,
+    found = []
+    for name, items in asked.items():
+        for learner in names:
+            conditions = _conditions(learner, items, {**settings, "steps": steps})
+            if conditions is None:
+                found.append(Standing(name, learner))
+            else:
+                results = list(run_experiment(conditions, **how).values())
+                found.append(standing(name, learner, results))
+    return Standings(tuple(found))
+
+
+def _conditions(
+    learner: str, items: Sequence[Item], settings: dict[str, object]
+) -> list[Condition] | None:
+    """Return a condition for each scenario; None: the learner cannot learn all of them."""
+    try:
+        return [
+            make_condition(
+                item.scenario,
+                learner,
+                {**settings, **item.settings, "penalty": PENALTY},
+            )
+            for item in items
+        ]
+    except SettingError:
+        return None
+
+
+def standing(name: str, learner: str, results: Sequence[ConditionResult]) -> Standing:
+    """Return how the teams of a learner stand in the scenarios of a list.
+
+    Args:
+        name: the list's name.
+        learner: the learner's name.
+        results: of each scenario of the list.
+    """
+    learned = [one.run_means("returns") for one in results]
+    low = np.array([one.reference["returns"] for one in results])
+    high = np.array([_top(one) for one in results])
+    share, error = pooled_share(learned, low, high)
+    if name not in SAMPLED:
+        errors = [standard_error(returns) for returns in learned]
+        error = float(np.linalg.norm(errors) / (high - low).sum())
+    failed = sum(failed_teams(one) for one in results)
+    return Standing(
+        name, learner, share, error, failed, sum(one.runs for one in results)
     )
-    places = [
-        judge.place(entry, name, items)
-        for name, items in asked.items()
-        for entry in entries
-    ]
-    return Leaderboard(tuple(places), judge.seed, judge.trials)
+
+
+def _top(result: ConditionResult) -> float:
+    """Return where the gap of a scenario ends."""
+    top = known_top(result.scenario.with_settings({"perception": "always"}))
+    assert top is not None  # shipped for every scenario of the lists
+    return top
+
+
+def pooled_share(
+    learned: Sequence[np.ndarray], low: np.ndarray, high: np.ndarray
+) -> tuple[float, float]:
+    """Return the share of the pooled gap that teams close, with a bootstrap standard error.
+
+    A resample draws as many buildings with replacement, and in each as many teams. Its draws are
+    the same in every call.
+
+    Args:
+        learned: the teams' returns in each building, shape (teams,) each.
+        low: where the gap begins in each building, shape (buildings,).
+        high: where it ends, shape (buildings,).
+    """
+    rng = np.random.default_rng(0)
+    count = len(learned)
+    chosen = rng.integers(count, size=(RESAMPLES, count))
+    gained = np.zeros((RESAMPLES, count))
+    for building, returns in enumerate(learned):
+        places = chosen == building
+        teams = rng.integers(len(returns), size=(int(places.sum()), len(returns)))
+        gained[places] = returns[teams].mean(axis=1) - low[building]
+    shares = gained.sum(axis=1) / (high - low)[chosen].sum(axis=1)
+    means = np.array([returns.mean() for returns in learned])
+    share = float((means - low).sum() / (high - low).sum())
+    return share, float(shares.std(ddof=1))
+
+
+def failed_teams(result: ConditionResult) -> int:
+    """Return the number of failed teams, exactly where that is known."""
+    arrived = result.arrived_in_trials
+    if result.exact is not None:
+        arrived = result.exact["arrived"]
+    return sum(fails(share) for share in arrived)

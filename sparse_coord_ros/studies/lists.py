@@ -100,21 +100,6 @@ LISTS: Mapping[str, tuple[Item, ...]] = {
 }
 """Every list, by its name."""
 
-ABOUT: Mapping[str, str] = {
-    "paper": "The paper's eight maps of two robots.",
-    "crowds": "The paper's map of four robots, and one map with four, six and eight.",
-    "unseen2-pairs": "36 generated buildings of two robots, never tuned on.",
-    "unseen2-four": "24 generated buildings of four robots, never tuned on.",
-    "unseen2-eight": "12 generated buildings of eight robots, never tuned on.",
-    "swap-pairs": "24 generated buildings of two robots, never tuned on; robots that exchange "
-    "cells pay.",
-    "block-pairs": "24 generated buildings of two robots, never tuned on; each cell holds one "
-    "robot.",
-    "percepts": "env1, env2-2r and pentagon; percepts fail half of the time, or behind walls, or "
-    "beyond two cells.",
-}
-"""The lists of the leaderboard, in words."""
-
 SAMPLED = tuple(name for name in LISTS if "-" in name)
 """Lists of buildings that stand for others of their kinds. Those of the other lists stand for
 themselves."""

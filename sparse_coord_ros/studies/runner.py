@@ -137,7 +137,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
     def _repr_html_(self) -> str:
         """Return the same for a notebook, with a picture."""
-        from sparse_coord_ros.studies.report.charts import embedded
+        from sparse_coord_ros.show.charts import embedded
 
         return shown_as(self._title, self._means, markup=True) + embedded(
             self.plot(), "returns"
@@ -170,7 +170,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         Raises:
             SettingError: `x` has only one value, or the measure is unknown.
         """
-        from sparse_coord_ros.studies.report.figures import swept_figure
+        from sparse_coord_ros.studies.figures import swept_figure
 
         return swept_figure(list(self.values()), x, measures)
 
@@ -284,7 +284,7 @@ def run_experiment(
         runs: independent learning runs of a condition.
         trials: greedy trials of each run.
         seed: seed of run 0; run i has seed + i.
-        report: write the experiments' tables, figures and text into `out`.
+        report: write the experiments' tables and figures into `out`.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
@@ -298,7 +298,7 @@ def run_experiment(
         ResultsError: `out` holds results of something else, or is in use.
         OSError: `out` cannot be written.
         RunError: the cluster cannot be reached, or was lost; a process that computed runs was
-            killed; pandas, Matplotlib or Jinja2 is missing, which a report needs.
+            killed; pandas or Matplotlib is missing, which tables and figures need.
         PluginError: a learner or perception model of the user's own failed.
     """
     plan = Plan(
@@ -332,7 +332,7 @@ def run_experiment(
         )
         played = [one_run(results, *one, by) for one in targets.runs]
         if write_report is not None:
-            write_report(directory, plan, targets.experiments, found)
+            write_report(directory, targets.experiments, found)
     return ExperimentResults(plan, targets, found, tuple(played))
 
 
@@ -444,8 +444,8 @@ def samples_of(
 
 def _report_writer() -> Callable[..., None]:
     """Return the report writer; raise `RunError` early, before hours of work, if it is missing."""
-    for package in ("pandas", "matplotlib", "jinja2"):
-        remedy = "pip install pandas matplotlib jinja2"
+    for package in ("pandas", "matplotlib"):
+        remedy = "pip install pandas matplotlib"
         with needed(f"a report needs the Python package {package}", remedy):
             import_apart(package, "matplotlibrc")
     from sparse_coord_ros.studies.report import write_report

@@ -170,7 +170,6 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
     saved = sc.load_run(training.save(tmp_path / "saved"))
     many = sc.train_many(scenario, runs=30, trials=3, history=False)
     result = sc.run_experiment(IDS[0], runs=2, trials=3)[IDS[0]]
-    mdp = sc.joint_mdp(scenario)
     bound = sc.shipped_asking_team(scenario)
     for thing in (
         scenario,
@@ -179,7 +178,6 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
         training.tables,
         training.history,
         result,
-        mdp,
     ):
         assert "\n" not in repr(thing) and len(repr(thing)) < 200, thing
     assert (

@@ -83,20 +83,18 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
 
 
 def test_nothing_to_read_is_one_line(tmp_path):
-    """No file, an empty directory, several files, no MCAP, not a regular file."""
+    """No file, an empty directory, several files, no MCAP."""
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mcap").write_text("not at all a bag\n" * 9)
     for name in ("two/a_0.mcap", "two/b_1.mcap", "same/a_0.mcap", "same/a.mcap"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("")
-    os.mkfifo(tmp_path / "pipe")
     for path, message in {
         "none": "cannot read .*none: No such file or directory",
         "empty": "empty is not a bag: it has no .mcap file",
         "two": "two has 2 .mcap files: name one",
         "same": "same has 2 .mcap files: name one",
         "text.mcap": "text.mcap is not an MCAP file",
-        "pipe": "cannot read .*pipe: it is not a file",
     }.items():
         with pytest.raises(BagError, match=message):
             open_bag(tmp_path / path)

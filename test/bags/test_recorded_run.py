@@ -23,7 +23,7 @@ from sparse_coord_ros.ros.nodes.team import run_team
 SEED = 5
 STEPS = 120
 CHECKPOINT = 50
-PERIOD_NS = 200_000_000
+PERIOD_NS = 100_000_000
 NAMES = ("robot_1", "robot_2")
 MAPS = {f"/{name}/coordination_map" for name in NAMES}
 PROGRESS = {f"/{name}/_progress" for name in NAMES}
@@ -44,8 +44,8 @@ def recorded(tmp_path_factory):
     values = {
         "scenario": "env1",
         "seed": SEED,
-        "set": [f"steps={STEPS}", "perception=probability:0.6"],
-        "step_period": 0.2,
+        "steps": STEPS,
+        "perception": "probability:0.6",
         "out": str(out),
         "record": True,
         "checkpoint": CHECKPOINT,

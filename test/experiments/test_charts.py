@@ -11,23 +11,20 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sparse_coord_ros.studies.catalogue import REPORTED_LEARNERS, experiment
-from sparse_coord_ros.studies.condition_result import SUMS
-from sparse_coord_ros.studies.report.charts import (
-    BASELINE,
+from sparse_coord_ros.show.charts import (
     BEST_ASKING,
     LEAST_SPANS,
-    NESTED,
-    SHORTEST,
     STYLES,
     rendered,
 )
-from sparse_coord_ros.studies.report.figures import (
+from sparse_coord_ros.studies.catalogue import NAMES, REPORTED_LEARNERS, experiment
+from sparse_coord_ros.studies.condition_result import SUMS
+from sparse_coord_ros.studies.figures import (
     MEASURABLE,
+    asked_maps,
     figures_of,
     swept_figure,
 )
-from sparse_coord_ros.studies.report.map_pictures import asked_maps
 
 AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
 """Penalties in the order of the names of their files."""
@@ -158,13 +155,16 @@ def test_no_axis_scales_to_rounding_noise(measure):
 
 
 def test_a_quantity_has_one_kind_of_axis_in_every_figure():
-    conditions = experiment("crowd").conditions
-    [crowd] = figures_of("crowd", [made_up(one) for one in conditions]).values()
-    kinds = {axes.get_ylabel(): axes.get_yscale() for axes in crowd.axes}
-    assert kinds["loss against\nrobots alone\n(log scale)"] == "symlog"
     results = [with_return("env1", 110.0, penalty=penalty) for penalty in ("0", "-100")]
     [loss, returns] = swept_figure(results, "penalty", ["loss", "returns"]).axes
     assert (loss.get_yscale(), returns.get_yscale()) == ("symlog", "linear")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_experiment_has_a_figure(name):
+    results = [made_up(one) for one in experiment(name).conditions]
+    for draw in figures_of(name).values():
+        assert draw(results).axes
 
 
 def test_a_single_run_has_no_error_and_is_drawn_all_the_same():
@@ -174,18 +174,6 @@ def test_a_single_run_has_no_error_and_is_drawn_all_the_same():
     [panel] = swept_figure([result], "penalty", ["asks"]).axes
     low, high = panel.get_ylim()
     assert low < 7.0 < high
-
-
-def test_the_cost_of_asking_is_drawn_beside_both_baselines():
-    conditions = experiment("ask_cost").conditions
-    [figure] = figures_of("ask_cost", [made_up(one) for one in conditions]).values()
-    assert len(figure.axes) == 6
-    for panel in figure.axes[:3]:
-        widths = {line.get_color(): line.get_linewidth() for line in panel.lines}
-        for name in (BASELINE, SHORTEST):
-            style = STYLES[name] | NESTED.get(name, {})
-            assert widths[style["color"]] == style["linewidth"]
-    assert BASELINE in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_a_map_of_asks_says_its_learner_and_settings():
@@ -291,7 +279,7 @@ def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
         for name in ("env1", "suny")
         for penalty, value in (("0", 100.0), ("-100", 90.0))
     ]
-    figures = figures_of("figure4", results)
+    figures = {name: draw(results) for name, draw in figures_of("figure4").items()}
     said = figures["figure4"].legends[0].get_title().get_text()
     assert said.startswith(
         f"Bars: one standard error of the mean over {PLAN.runs} learning runs."
@@ -302,7 +290,8 @@ def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
 
 
 def test_bars_of_the_papers_tables_are_spreads():
-    [figure] = figures_of("table1", [result_of("env1", "coop")]).values()
+    [draw] = figures_of("table1").values()
+    figure = draw([result_of("env1", "coop")])
     said = figure.legends[0].get_title().get_text()
     assert said.startswith("Bars: spread (standard deviation) over robots and trials")
 

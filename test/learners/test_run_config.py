@@ -30,10 +30,7 @@ def run():
         "seed": str(2**63 - 1),
         "learner": "noncoop",
         "greedy": True,
-        "step_period": 0.05,
-        "resolution": 0.25,
         "step_timeout": 7,
-        "percept_timeout": 1 / 3,
         "recorded": "yes",
     }
     return make_run(scenario, values)
@@ -92,9 +89,10 @@ def test_the_digest_of_a_run(run):
 
 def test_defaults():
     run = make_run(load_scenario("env1"), {})
-    # 0: that of the map, which has none
-    due = RUN_SETTINGS.defaults() | {"resolution": 1.0}
-    assert {name: getattr(run, name) for name in RUN_SETTINGS} == due
+    assert {
+        name: getattr(run, name) for name in RUN_SETTINGS
+    } == RUN_SETTINGS.defaults()
+    assert (run.resolution, run.percept_timeout) == (1.0, 2.0)
 
 
 def test_output_that_cannot_be_a_directory(tmp_path):

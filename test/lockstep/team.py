@@ -15,11 +15,10 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.node_checkpoints import KEPT_COMMON, KEPT_OWN
+from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts, WorldAttempts
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
-from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK
+from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT
 
 WORLD = -1
 QUIET = 60
@@ -60,31 +59,35 @@ class Store:
     def load(self, step):
         return self.disks[self.who][step] if step else None
 
-    def counted(self):
-        return {}
-
     def save(self, state):
         if self.killed == "before":
             raise KilledError
-        mine = self.disks[self.who]
-        mine[state.step] = state
-        common = sorted(set(mine).intersection(*self.disks.values()), reverse=True)
-        kept = {*sorted(mine, reverse=True)[:KEPT_OWN], *common[:KEPT_COMMON]}
-        for step in set(mine) - kept:
-            del mine[step]
+        self.disks[self.who][state.step] = state
         if self.killed == "after":
             raise KilledError
 
+    def forget_after(self, step):
+        self.keep(lambda one: one <= step)
+
+    def forget_before(self, step):
+        self.keep(lambda one: one >= step)
+
+    def keep(self, wanted):
+        mine = self.disks[self.who]
+        for step in [step for step in mine if not wanted(step)]:
+            del mine[step]
+
 
 class WorldProcess:
-    def __init__(self, team, resume):
+    def __init__(self, team):
         self.team = team
         self.life = team.new_life()
-        self.resume = resume
         self.store = Store(team.disks, WORLD)
         self.side = WorldSide(team.run, self)
-        self.back = WorldRollback(self.side, self.store, team.robots)
+        self.attempts = WorldAttempts(self.side, self.store, range(team.robots))
         self.started = False
+        self.restarts = 0
+        self.say()
 
     # The port.
 
@@ -104,63 +107,56 @@ class WorldProcess:
 
     # What the node does.
 
-    def start_when_complete(self):
-        if self.started or None in self.back.said or not self.team.all_listen:
-            return
-        self.started = True
-        if self.resume and self.team.rolls_back:
-            self.take_back()
-        elif self.resume:
-            self.back.go_back(together=False)
-            self.say()
-            self.team.disturbed = True
-        else:
-            self.side.start()
+    def say(self):
+        said = self.attempts.order, self.attempts.oldest
+        for robot in range(self.team.robots):
+            self.team.publish("status", self, robot, said, latched=True)
 
-    def take_back(self):
-        assert self.back.go_back()
+    def begin(self):
+        self.attempts.begin()
+        self.team.stalled = 0  # the nodes have time to obey
         self.say()
 
-    def say(self):
-        for robot in range(self.team.robots):
-            self.team.publish("status", self, robot, (self.back.order,), latched=True)
-
     def on_progress(self, robot, said):
-        new = self.back.heard(robot, said)
-        self.start_when_complete()
-        if new and self.started:
-            if said.resumed and self.team.rolls_back:
-                self.take_back()
-                return
-            self.team.disturbed = True
-        if self.back.go_on():
-            self.say()
+        attempts = self.attempts
+        attempts.said[robot] = said
+        if attempts.order.attempt == NO_ATTEMPT:
+            if not attempts.silent:
+                self.begin()
+        elif said.attempt == NO_ATTEMPT:
+            self.restarts += 1
+            self.begin()
+        self.store.forget_before(attempts.oldest)
+        if not attempts.waiting and self.team.all_listen:
+            self.go_on()
+
+    def go_on(self):
+        if self.side.held or not self.started:
+            self.started = True
+            self.side.start()
 
     def on_action(self, robot, step, action):
         if self.started and self.side.action(robot, step, action):
             self.side.advance()
 
     def expire(self):
-        if self.side.held:
-            self.back.go_on(anyway=True)
+        if self.started and self.side.held:
+            self.go_on()
             self.team.disturbed = True
         elif self.started and not self.side.finished and self.side.expire():
             self.team.disturbed = True
 
 
 class RobotProcess:
-    def __init__(self, team, number, resume):
+    def __init__(self, team, number, again):
         self.team = team
         self.number = number
         self.life = team.new_life()
         self.store = Store(team.disks, number)
         self.side = RobotSide(team.run, self.fresh(), self)
-        self.back = RobotRollback(self.side, self.store, self.fresh, self.life, resume)
+        self.attempts = None
         self.joined = False
-        self.joins = team.clock + (team.random.randint(0, LATEST_EAR) if resume else 0)
-        if resume:
-            self.back.begin()
-        self.say()
+        self.joins = team.clock + (team.random.randint(0, LATEST_EAR) if again else 0)
 
     def fresh(self):
         return SpyAgent(
@@ -188,8 +184,14 @@ class RobotProcess:
     # What the node does.
 
     def say(self):
-        said = self.back.progress()
+        said = self.attempts.progress()
         self.team.publish("progress", self, WORLD, (self.number, said), latched=True)
+
+    @property
+    def ready(self):
+        """Return whether it subscribes now: it has an order, and its time has come."""
+        begun = self.attempts is not None and self.attempts.attempt != NO_ATTEMPT
+        return begun and not self.joined and self.team.clock >= self.joins
 
     def join(self):
         """Subscribe now; messages in flight are not received."""
@@ -207,17 +209,17 @@ class RobotProcess:
         if self.joined:
             self.side.reward(step, reward)
 
-    def on_status(self, order):
-        if not self.back.obey(order):
-            return
-        if order.step == NO_ROLLBACK:
-            if self.joined:
-                self.say()
-        else:
-            self.joined = False
-            self.joins = max(
-                self.joins, self.team.clock + self.team.random.randint(0, 9)
+    def on_status(self, order, oldest):
+        if self.attempts is None:
+            self.attempts = RobotAttempts(
+                self.side, self.store, self.fresh, order.attempt
             )
+            self.say()
+        elif self.attempts.obey(order):
+            self.joined = False
+            later = self.team.clock + self.team.random.randint(0, 9)
+            self.joins = max(self.joins, later)
+        self.store.forget_before(oldest)
 
     def on_ask(self, asker, life, step, cell):
         answer = self.side.asked(asker, step, cell)
@@ -241,7 +243,6 @@ class Team:
         seed: seed of the network.
         learner: the learner.
         checkpoint: steps between two checkpoints.
-        rolls_back: the world's policy for robots that come back.
         doubled, lost: shares of the messages that come twice, or not at all; `lost` may also be a
             function of (topic, receiver, message).
 
@@ -259,7 +260,6 @@ class Team:
         *,
         learner="coop",
         checkpoint=40,
-        rolls_back=True,
         doubled=0.0,
         lost=0.0,
     ):
@@ -271,7 +271,6 @@ class Team:
         self.random = random.Random(seed)
         self.doubled = doubled
         self.lost = lost
-        self.rolls_back = rolls_back
         self.robots = len(scenario.robots)
         self.happened = defaultdict(set)
         self.percepts = []
@@ -288,7 +287,7 @@ class Team:
         self.mark = None
         self.faults = []
         for who in (*range(self.robots), WORLD):
-            self.start(who, resume=False)
+            self.start(who, again=False)
 
     def new_life(self):
         self.lives += 1
@@ -296,13 +295,13 @@ class Team:
 
     # Processes.
 
-    def start(self, who, *, resume):
+    def start(self, who, *, again=True):
         for key in [key for key in self.queues if key[2] == who]:
             del self.queues[key]
         if who == WORLD:
-            self.up[who] = WorldProcess(self, resume)
+            self.up[who] = WorldProcess(self)
         else:
-            self.up[who] = RobotProcess(self, who, resume)
+            self.up[who] = RobotProcess(self, who, again)
         for (topic, publisher, to), message in self.kept.items():
             if to == who and any(one.life == publisher for one in self.up.values()):
                 self.queues[topic, publisher, to].append(message)
@@ -316,11 +315,10 @@ class Team:
             self.kill(who)
 
     def resume_all(self):
-        self.rolls_back = True  # so says `run --resume`
         self.queues.clear()
         self.kept.clear()
         for who in (*range(self.robots), WORLD):
-            self.start(who, resume=True)
+            self.start(who)
 
     # The network.
 
@@ -360,7 +358,8 @@ class Team:
         message = self.queues[key].popleft()
         who = self.up.get(key[2])
         times = 1
-        if self.random.random() < self.doubled:
+        latched = key[0] in ("status", "progress")
+        if self.random.random() < self.doubled and not latched:
             if self.random.random() < 0.5:
                 times = 2
             else:  # the second one comes later
@@ -400,7 +399,7 @@ class Team:
             while self.faults and self.faults[0][0] <= self.deliveries:
                 self.faults.pop(0)[1](self)
             for robot in [one for who, one in self.up.items() if who != WORLD]:
-                if not robot.joined and self.clock >= robot.joins:
+                if robot.ready:
                     robot.join()
             moved = self.deliver()
             world = self.world

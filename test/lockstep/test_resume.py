@@ -13,13 +13,13 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts, WorldAttempts
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     Checkpoints,
     CheckpointStore,
-    steps_of,
 )
-from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback, WorldRollback
-from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, Order, Progress
+from sparse_coord_ros.protocol.wire import RECORDER
+from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Order, Progress
 
 from .team import WORLD, Team
 
@@ -70,7 +70,7 @@ def test_whoever_dies_while_it_saves(who, when):
     scenario = problem("env1", perception="probability:0.7")
     team = Team(scenario, 3)
     team.up[who].store.killed = when
-    team.play([(900, Team.kill_all), (900, Team.resume_all)])
+    team.play([(400, Team.kill_all), (400, Team.resume_all)])
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
@@ -79,8 +79,8 @@ def test_a_robot_comes_back_at_any_step(every):
     """Also if it had arrived and only answers, and receives the world long after its start."""
     scenario = problem("env1", perception="probability:0.7", epsilon="constant:1")
     team = Team(scenario, 4, checkpoint=every)
-    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
-    assert (team.world.back.events["taken_back"], team.disturbed) == (1, False)
+    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1))])
+    assert (team.world.restarts, team.disturbed) == (1, False)
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
@@ -91,69 +91,89 @@ def test_who_sleeps_while_the_team_goes_back_twice_learns_nothing_of_the_time_be
     """In between the world continued without it, under the repeated time steps."""
     scenario = problem("env1")
     team = Team(scenario, 4, checkpoint=1000)
-    robot = {"resume": True}
     faults = [(300, lambda t: t.asleep.add(0)), (310, lambda t: t.kill(1))]
-    faults += [(320, lambda t: t.start(1, **robot)), (back + 1800, lambda t: t.kill(1))]
+    faults += [(320, lambda t: t.start(1)), (back + 1800, lambda t: t.kill(1))]
     faults += [
-        (back + 1830, lambda t: t.start(1, **robot)),
+        (back + 1830, lambda t: t.start(1)),
         (4000, lambda t: t.asleep.clear()),
     ]
     team.play(faults)
-    assert team.world.back.events["taken_back"] == 2
+    assert team.world.restarts == 2
     team.check_updates()
 
 
-def test_a_robot_that_begins_anew_is_counted():
-    team = Team(problem("env1"), 4)
-    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=False))])
-    assert team.world.back.events == {"replaced_robots": 1}
-    assert not tables_equal(team.tables, learn(team.scenario, "coop", 5))
+def test_before_the_second_checkpoint_a_run_can_begin_anew():
+    scenario = problem("env1")
+    team = Team(scenario, 4)
+
+    def without_its_disk(team):
+        team.disks[1].clear()
+        team.start(1)
+
+    team.play([(150, lambda t: t.kill(1)), (170, without_its_disk)])
+    assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
-def test_a_robot_that_is_replaced_before_the_run_lost_nothing():
-    back = WorldRollback(Team(problem("env1"), 4).world.side, CheckpointStore(), 2)
-    for life in ("one", "another"):
-        back.heard(0, Progress(life, 0, 0))
-    assert back.events == {}
-
-
-def test_a_robot_may_go_on_alone_from_its_own_checkpoint():
-    team = Team(problem("env1"), 4, rolls_back=False)
-    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
-    assert team.world.back.events == {"returned_robots": 1}
-    team.check_updates()
-
-
-def test_who_cannot_go_back_is_not_waited_for():
-    """A robot comes back without checkpoints while an order stands."""
-    side = SimpleNamespace(
-        held=True,
-        go_on_from=lambda state: None,
-        world=SimpleNamespace(step=40, transitions=30),
+def attempts(steps, **said):
+    """Return the attempts of a world with checkpoints; the nodes have said theirs."""
+    side = SimpleNamespace(go_on_from=lambda state: None)
+    forgotten = []
+    store = SimpleNamespace(
+        steps=lambda: steps, load=lambda step: None, forget_after=forgotten.append
     )
-    store = SimpleNamespace(steps=lambda: [40, 0], load=lambda step: None, counted=dict)
-    back = WorldRollback(side, store, 2)
-    for k in range(2):
-        back.heard(k, Progress(f"{k}", 50, 50, (40, 0)))
-    back.go_back()
-    back.heard(0, Progress("0", 40, 40, (40, 0), obeyed=back.order.name))
-    assert back.waiting == {1}
-    back.heard(1, Progress("another", 0, 0))
-    assert not back.waiting
+    made = WorldAttempts(side, store, list(said))
+    for node, checkpoints in said.items():
+        made.said[node] = Progress(checkpoints)
+    return made, forgotten
 
 
-def test_a_robot_without_the_checkpoint_does_not_obey():
-    back = RobotRollback(None, CheckpointStore(), None, "life", False)
-    assert not back.obey(Order("an order", 40, 41))
-    assert back.obey(Order("a call", NO_ROLLBACK))
+@pytest.mark.parametrize(
+    ("steps", "said", "begins"),
+    [
+        ([80, 40, 0], {"robot_1": (80, 40, 0), "robot_2": (80, 40, 0)}, 80),
+        ([80, 40, 0], {"robot_1": (80, 40, 0), "robot_2": (40, 0)}, 40),
+        ([40, 0], {"robot_1": (0,), "robot_2": (40, 0)}, 0),
+        ([80, 40, 0], {"robot_1": (), "robot_2": (80, 40, 0)}, 80),
+        ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: (40, 0)}, 40),
+        ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: (0,)}, 80),
+        ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: ()}, 80),
+    ],
+    ids=[
+        *("all", "one died while it saved", "the first one is missing"),
+        *("one learns nothing", "a recorder lags", "a recorder comes late"),
+        "a new recorder",
+    ],
+)
+def test_the_team_begins_at_the_newest_common_checkpoint(steps, said, begins):
+    made, forgotten = attempts(steps, **said)
+    made.begin()
+    assert made.order.checkpoint == begins
+    assert forgotten == [begins] * bool(begins)
+
+
+def test_nothing_is_thrown_away_for_a_robot_that_keeps_no_checkpoints():
+    made, _ = attempts([80, 40, 0], robot_1=(80, 40, 0), robot_2=(0,))
+    with pytest.raises(
+        RunError, match="robot_2 has no checkpoint .* at step 80; all is"
+    ):
+        made.begin()
+
+
+def test_a_robot_obeys_each_order_once_and_not_the_one_that_it_finds():
+    side = SimpleNamespace(go_on_from=lambda agent, state: None)
+    robot = RobotAttempts(side, CheckpointStore(), lambda: None, "an attempt")
+    assert not robot.obey(Order())
+    assert not robot.obey(Order("an attempt", 40))
+    assert robot.progress() == Progress((0,), NO_ATTEMPT)
+    assert robot.obey(Order("the next", 0))
+    assert not robot.obey(Order("the next", 0))
+    assert robot.progress() == Progress((0,), "the next")
 
 
 def test_a_world_that_comes_back_finds_its_robots():
     scenario = problem("env1")
     team = Team(scenario, 4)
-    team.play(
-        [(600, lambda t: t.kill(WORLD)), (640, lambda t: t.start(WORLD, resume=True))]
-    )
+    team.play([(600, lambda t: t.kill(WORLD)), (640, lambda t: t.start(WORLD))])
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
@@ -163,12 +183,12 @@ def test_who_sleeps_through_the_order_obeys_when_it_wakes():
         [
             (600, lambda t: t.asleep.add(0)),
             (601, lambda t: t.kill(1)),
-            (620, lambda t: t.start(1, resume=True)),
+            (620, lambda t: t.start(1)),
             (6000, lambda t: t.asleep.discard(0)),
         ]
     )
     assert team.world.side.left_out > 0
-    assert team.up[0].back.progress().obeyed
+    assert team.up[0].attempts.attempt == team.world.attempts.order.attempt
     team.check_updates()
 
 
@@ -210,32 +230,18 @@ def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
     assert stores["robot_1"].load(0) is None
 
 
-def test_what_was_counted_outlives_its_process_and_is_never_taken_back(
+def test_who_begins_at_a_checkpoint_forgets_later_ones(tmp_path, run, played):
+    store = saved(tmp_path, run, played, steps=(40, 80, 120))["robot_1"]
+    store.forget_after(80)
+    assert store.steps() == [80, 40, 0]
+
+
+def test_checkpoints_to_which_the_team_never_goes_back_are_removed(
     tmp_path, run, played
 ):
-    stores = saved(tmp_path, run, played)
-    assert stores["robot_1"].counted() == {}
-    stores["world_simulator"].count({"taken_back": 2, "messages_dropped": 7})
-    for store in stores.values():
-        store.close()
-    again = Checkpoints(tmp_path, "world_simulator", run)
-    assert again.counted() == {"taken_back": 2, "messages_dropped": 7}
-    assert (again.steps(), again.broken) == ([80, 40, 0], [])
-    assert WorldRollback(played.world.side, again, 2).events["taken_back"] == 2
-    path = tmp_path / "checkpoint" / "world_simulator_events.npz"
-    path.write_bytes(path.read_bytes()[:-20])
-    assert again.counted() == {}
-    assert "world_simulator_events.npz: what was counted is lost" in again.broken[0]
-    Checkpoints.remove(tmp_path)
-    assert not path.exists()
-
-
-def test_old_files_go_but_never_a_common_one(tmp_path, run, played):
-    stores = saved(tmp_path, run, played)
-    for step in (120, 160, 200, 240):
-        stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=step))
-    assert stores["robot_1"].steps() == [240, 200, 160, 80, 40, 0]
-    assert steps_of(tmp_path / "checkpoint", "robot_2") == [80, 40]
+    store = saved(tmp_path, run, played, steps=(40, 80, 120))["robot_1"]
+    store.forget_before(80)
+    assert store.steps() == [120, 80, 0]
 
 
 @pytest.mark.parametrize(
@@ -314,71 +320,3 @@ def test_a_checkpoint_does_not_depend_on_when_it_is_taken():
         assert states[step][:5] == again[step][:5]
         assert memories_equal(states[step].memory, again[step].memory)
     assert len(set(states) & set(again)) >= 3
-
-
-@pytest.mark.parametrize("together", [True, False])
-def test_how_often_all_were_taken_back_is_counted(together):
-    """A world that goes back alone takes nothing from its robots."""
-    team = Team(problem("env1"), 4)
-    back = WorldRollback(team.world.side, team.world.store, 2)
-    for k in range(2):
-        back.heard(k, Progress(f"{k}", 0, 0, (0,)))
-    for _ in range(2):
-        assert back.go_back(together=together)
-    assert back.events["taken_back"] == 2 * together
-    assert back.order.step == (0 if together else NO_ROLLBACK)
-
-
-def heard_at(back, robot, step, **more):
-    """Send the world a robot's progress: its step, and as many transitions."""
-    back.heard(robot, Progress(f"life {robot}", step, step, (40, 0), **more))
-
-
-def test_a_world_that_goes_on_alone_begins_where_no_robot_takes_it_for_its_next_step():
-    """It may have received one state more than it has processed; from the next it would learn."""
-    team = Team(problem("env1"), 4)
-    side = team.world.side
-    back = WorldRollback(team.world.side, team.world.store, 2)
-    for robot, step in enumerate((17, 19)):
-        heard_at(back, robot, step)
-    assert back.go_back(together=False)
-    assert not back.go_on()
-    for robot, step in enumerate((17, 19)):
-        heard_at(back, robot, step, obeyed=back.order.name)
-    assert back.go_on()
-    assert side.world.step > 19 + 1 + 1
-    assert side.world.transitions == 19
-    assert not side.held and back.order == Order()
-
-
-def test_who_comes_back_while_an_order_stands_is_waited_for():
-    team = Team(problem("env1"), 4)
-    back = WorldRollback(team.world.side, team.world.store, 2)
-    for robot in (0, 1):
-        heard_at(back, robot, 50)
-    back.go_back()
-    for robot in (0, 1):
-        heard_at(back, robot, 0, obeyed=back.order.name)
-    assert not back.waiting
-    back.heard(1, Progress("another life", 40, 40, (40, 0), resumed=True))
-    assert back.waiting == {1}
-    assert not back.go_on()
-    assert back.go_on(anyway=True)
-    order = back.order
-    assert order.name and order.step == 0, "it still stands"
-    back.heard(
-        1, Progress("another life", 0, 0, (40, 0), obeyed=order.name, resumed=True)
-    )
-    assert back.order == Order()
-
-
-def test_of_common_checkpoints_too_the_old_ones_go(tmp_path, run, played):
-    stores = saved(tmp_path, run, played, steps=(40, 80, 120, 160, 200))
-    world = stores["world_simulator"]
-    for step in (240, 280, 320):
-        stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=step))
-        stores["robot_2"].save(played.up[1].side.snapshot()._replace(step=step))
-        world.save(played.world.side.snapshot(step))
-    assert world.steps() == [320, 280, 240, 0]
-    stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=360))
-    assert stores["robot_1"].steps() == [360, 320, 280, 0]

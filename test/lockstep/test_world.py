@@ -332,25 +332,6 @@ def test_it_goes_on_where_another_one_was(world):
     )
 
 
-def test_a_later_beginning_leaves_out_what_was_done_since(world):
-    """A world that came back alone: the robots are 30 steps and 28 transitions further."""
-    world.go_on_from(None)
-    world.begin_at(1, 28)
-    assert world.lost == 0, "it is there already"
-    world.begin_at(31, 28)
-    assert (world.world.step, world.world.transitions, world.world.episode) == (
-        31,
-        28,
-        1,
-    )
-    assert (world.began, world.lost) == (StartReason.RESET, 28)
-    world.go_on_from(world.snapshot())
-    world.begin_at(41, 36)
-    assert world.lost == 36, "those of both restarts"
-    world.go_on_from(None)
-    assert world.lost == 0, "all of them are made again"
-
-
 def test_each_robot_that_misses_a_deadline_is_counted():
     world, _ = make_world("env2-4r")
     for robot in (0, 1):
@@ -374,16 +355,6 @@ def test_an_episode_that_goes_on_is_not_told_again():
     again.go_on_from(None)
     again.start()
     assert port.episodes == [1]
-
-
-def test_robots_that_have_seen_less_than_the_world_take_nothing_from_it(world):
-    """They report their progress; the world's own count is higher."""
-    for _ in range(2):
-        play(world, DOWN, DOWN)
-    world.begin_at(20, transitions=1)
-    assert (world.lost, world.world.transitions, world.world.step) == (0, 2, 20)
-    world.begin_at(30, transitions=7)
-    assert (world.lost, world.world.transitions, world.world.step) == (5, 7, 30)
 
 
 def test_the_world_saves_at_each_step_that_robots_see():

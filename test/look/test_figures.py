@@ -22,10 +22,10 @@ from sparse_coord_ros.lab.driving.trials import Moment
 from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import policy_of
-from sparse_coord_ros.show.results import results_figure
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
+from sparse_coord_ros.studies.figures import results_figure
 from sparse_coord_ros.studies.store import open_results
 
 
@@ -292,8 +292,6 @@ def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
     ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(
-        sys.modules, "sparse_coord_ros.studies.report.charts", raising=False
-    )
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.charts", raising=False)
     words = "pictures need the Python package matplotlib (import of matplotlib halted"
     assert words in said(capsys, trained, "--out", tmp_path / "x.png")

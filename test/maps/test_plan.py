@@ -441,7 +441,6 @@ def test_poses_lie_on_the_real_map(imported):
             frame.cell(*place) == frame.cell(place[0] + 0.24, place[1] - 0.24) == cell
         )
     assert frame.cell(-100.0, 0.0) is None
-    assert make_run(scenario, {"resolution": 2.0}).resolution == 2.0
     assert make_run(load_scenario("env1"), {}).resolution == 1.0
 
 

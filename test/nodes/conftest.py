@@ -74,10 +74,7 @@ SAY_AGAIN_SECONDS = 0.1
 """Between two repeats of an observer's message."""
 
 
-PATIENT = {
-    "step_timeout": PATIENCE_SECONDS,
-    "percept_timeout": PATIENCE_SECONDS / 2,
-}
+PATIENT = {"step_timeout": PATIENCE_SECONDS}
 """Of a run."""
 
 

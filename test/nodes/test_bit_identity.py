@@ -92,8 +92,7 @@ def played(tmp_path, simulate):
             file.write_text(scenario)
             scenario = str(file)
         said = simulate(scenario, settings, seed=SEED, learner=learner)
-        sets = [f"{name}={value}" for name, value in settings.items()]
-        return scenario, sets, said, how
+        return scenario, settings, said, how
 
     return play
 
@@ -105,9 +104,9 @@ def test_each_learner_that_runs_live_is_here():
 
 @pytest.mark.parametrize("learner", GAMES)
 def test_team_in_one_process(tmp_path, played, assert_same_tables, learner):
-    scenario, sets, said, how = played(learner)
+    scenario, settings, said, how = played(learner)
     out = tmp_path / "out"
-    given = {"scenario": scenario, "learner": learner, "seed": SEED, "set": sets}
+    given = {"scenario": scenario, "learner": learner, "seed": SEED, **settings}
     more = {**given, "out": str(out), **how}
     namespace = more.pop("namespace", "")
     with ros_context() as context:
@@ -178,10 +177,10 @@ def test_every_node_in_its_own_process(
     tmp_path, played, start, assert_same_tables, learner
 ):
     """The learner has no influence on the way from process to process."""
-    scenario, sets, said, how = played(learner)
+    scenario, settings, said, how = played(learner)
     out = tmp_path / "out"
     words = ["--learner", learner, "--seed", str(SEED), "--out", str(out)]
-    words += [word for one in sets for word in ("--set", one)]
+    words += [word for k, v in settings.items() for word in ("--set", f"{k}={v}")]
     words += ["--processes"] if how["record"] else ["--processes", "--no-record"]
     process = start("cli.main", "run", scenario, *words)
     assert process.exit_code() == 0, process.output
@@ -208,8 +207,7 @@ def test_what_is_lost_is_said_again(
     ]
     for side, kind, number in lost:
         monkeypatch.setattr(side, kind, losing(getattr(side, kind), number))
-    sets = [f"{name}={value}" for name, value in settings.items()]
-    world = bench.world(scenario="env2-4r", seed=SEED, out=str(tmp_path), set=sets)
+    world = bench.world(scenario="env2-4r", seed=SEED, out=str(tmp_path), **settings)
     robots = bench.robots(4, out=str(tmp_path))
     bench.spin_until_done()
     assert_same_tables(tmp_path, said)

@@ -52,7 +52,7 @@ ROBOTS = ("robot_1", "robot_2")
 def with_bodies(bench, out, *, steps=8, body=None, driver=None, namespace="", **more):
     """Start a team with bodies on a bench, and return its world, robots, drivers and body."""
     more |= {
-        "set": [f"steps={steps}"],
+        "steps": steps,
         "out": str(out),
         "seed": 7,
         "namespace": namespace,
@@ -124,7 +124,7 @@ def test_any_order(bench, tmp_path, order):
         return DriverNode(context=context, name=f"{robot}_driver", values=values)
 
     made = {
-        "w": lambda: bench.world(bodies=True, set=["steps=3"]),
+        "w": lambda: bench.world(bodies=True, steps=3),
         "1": lambda: bench.robot("robot_1"),
         "2": lambda: bench.robot("robot_2"),
         "d": lambda: bench.add(driver("robot_1")),
@@ -203,7 +203,7 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatc
 
 
 def test_drivers_that_are_missing_are_named(bench, tmp_path):
-    bench.world(bodies=True, set=["steps=3"], startup_timeout=0.4)
+    bench.world(bodies=True, steps=3).startup_timeout = 0.4
     bench.robots()
     with pytest.raises(
         RunError, match="driver --ros-args -p robot:=robot_1, driver --ros"
@@ -226,7 +226,7 @@ def test_in_many_processes_the_same_bits_seconds_and_touches(
             *("world_simulator", "world_simulator"),
             **{
                 "scenario": "env1",
-                "set": ["steps=60"],
+                "steps": 60,
                 "seed": 7,
                 "bodies": True,
                 "out": out,
@@ -438,7 +438,7 @@ def test_transforms_need_their_package(bench, monkeypatch):
 def test_a_body_whose_poses_stop_is_stopped(bench):
     """And poses outside of the map are dropped."""
     context = bench.place()[0]
-    world = bench.world(bodies=True, set=["steps=5"])
+    world = bench.world(bodies=True, steps=5)
     driver = bench.add(
         DriverNode(context=context, values={"robot": "robot_1", "pose_timeout": 0.2})
     )
@@ -533,7 +533,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
 
 
 def test_an_inactive_driver_waits_for_its_activation(bench):
-    bench.world(bodies=True, set=["steps=5"])
+    bench.world(bodies=True, steps=5)
     values = {"robot": "robot_1", "stamped": True, "frame_prefix": "a_"}
     driver = bench.add(DriverNode(context=bench.place()[0], values=values))
     driver.trigger_deactivate()

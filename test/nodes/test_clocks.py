@@ -48,9 +48,7 @@ def test_what_is_shown_has_the_time_of_the_clock_that_others_follow(
     others = None if own else observer.create_publisher(Clock, "/clock", 10)
     begun = time.time()
     bench.recorder(out / "bag")
-    world = bench.world(
-        out=str(out), set=["steps=40"], recorded=True, clock=clock, rate=60.0
-    )
+    world = bench.world(out=str(out), steps=40, recorded=True, clock=clock, rate=60.0)
     bench.robots(out=str(out))
 
     def told():
@@ -84,14 +82,8 @@ def fleets(bench, tmp_path):
         worlds = []
         for name in FLEETS:
             out = str(tmp_path / name)
-            # Time steps of unlike length: the fleets' clocks do not agree.
-            period = 0.1 if name == "a" else 7.0
-            more = {
-                "set": ["steps=12"],
-                "bodies": bodies,
-                "step_period": period,
-                "rate": 40.0,
-            }
+            steps = 150 if name == "b" and not bodies else 12
+            more = {"steps": steps, "bodies": bodies, "rate": 40.0}
             more["clock"] = "none" if bodies else "own"
             worlds.append(bench.world(namespace=name, out=out, **more))
             bench.robots(out=out, namespace=name)
@@ -158,7 +150,7 @@ def test_without_a_clock_of_the_run_transforms_have_the_system_s_time(types, ben
 
     transforms = bench.observer().listen(TFMessage, "/tf")
     begun = time.time()
-    world = bench.world(set=["steps=60"], clock="none", rate=60.0)
+    world = bench.world(steps=60, clock="none", rate=60.0)
     bench.robots()
     bench.spin_until_done(world)
     links = [one for message in transforms for one in message.transforms]

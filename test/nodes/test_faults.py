@@ -37,7 +37,7 @@ def test_who_is_stopped_saves_what_it_has_and_the_others_go_on(
 ):
     monkeypatch.setattr(follower, "STOP_SECONDS", 0.1)
     out = str(tmp_path)
-    world = bench.world(out=out, recorded=True, rate=100.0, percept_timeout=1.0)
+    world = bench.world(out=out, recorded=True, rate=100.0, step_timeout=2.5)
     recorder = bench.recorder(tmp_path / "bag")
     one, other = bench.robots(out=out)
 
@@ -65,7 +65,7 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
     bench, capfd, monkeypatch
 ):
     monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.3)
-    world = bench.world(step_timeout=0.2, percept_timeout=0.1)
+    world = bench.world(step_timeout=0.2)
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
     for one in robots:
@@ -90,14 +90,14 @@ def test_the_team_ends_when_the_world_fails(bench, tmp_path):
     recorder = bench.recorder(tmp_path / "bag")
     robot = bench.robot("robot_1", out=str(tmp_path))
     world = bench.world()
-    bench.spin_until(lambda: robot.member and recorder.recording, "they follow the run")
-    world.values["startup_timeout"] = 0.001
-    with pytest.raises(RunError, match="^startup_timeout: .* robot_2"):
+    bench.spin_until(lambda: robot.member and recorder.run, "they follow the run")
+    world.startup_timeout = 0.001
+    with pytest.raises(RunError, match="^after .* robot_2"):
         bench.spin_until(lambda: False)
     world.finish(interrupted=True)  # as `run_node` does
     bench.destroy(world)
     bench.spin_until_done(robot, recorder)
-    assert_bag_is_whole(tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
 
 
 MAINS = {

@@ -113,7 +113,8 @@ def test_a_recorder_says_where_it_records_what_it_waits_for_and_when_it_begins(
     where = tmp_path / "out" / "bag"
     said = capfd.readouterr().err
     assert f"will record to {where}; waiting for a world simulator on /run\n" in said
-    bench.world(out="out", set=["steps=20000"], recorded=True)
+    bench.world(out="out", steps=20000, recorded=True)
+    bench.robots()
     bench.spin_until(lambda: recorder.recording is not None, "it records")
     assert "[recorder]: records env1 from now on\n" in capfd.readouterr().err
     recorder.finish(interrupted=True)
@@ -140,17 +141,18 @@ def test_a_node_that_waits_for_a_world_says_how_to_start_one(
 def test_a_recorder_that_goes_on_says_what_it_waits_for(
     own_domain, tmp_path, capfd, monkeypatch
 ):
-    """It knows the run at once, but not yet the step from which it continues."""
+    """It knows the run at once, but not yet where it begins."""
     monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.0)
     values = {"out": str(tmp_path / "bag"), "resume": True}
     with ros_context() as context:
         recorder = puppet(Recorder)(context=context, values=values)
         recorder.hear("run", announced("first"))
-        recorder.tick()
-        recorder.tick()
+        say(recorder, "first", RunState.RESUMING, 0, 0)
+        for _ in range(3):
+            recorder.tick()
         said = capfd.readouterr().err
-        assert "waiting for the world to announce where the run continues (" in said
-        order = Order("back", 0, 1)
+        assert "waiting for the world to say where the run begins (" in said
+        order = Order("an attempt", 0)
         say(recorder, "first", RunState.RESUMING, 0, 0, 0, "", order)
         recorder.tick()
         assert "records env1 from now on\n" in capfd.readouterr().err

@@ -30,8 +30,8 @@ from sparse_coord_ros.show.layouts import foxglove_layout
 
 SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
 SEED = 11
-PERIOD = 0.25
-RESOLUTION = 0.5
+PERIOD = 0.1
+RESOLUTION = 1.0
 NAMES = ("robot_1", "robot_2")
 
 TEAM = {
@@ -72,14 +72,7 @@ def team(module_bench, tmp_path_factory):
         actions={n: observer.listen(JointState, f"{n}/action") for n in NAMES},
         percepts={n: observer.listen(Path, f"{n}/percept") for n in NAMES},
     )
-    sets = [f"{name}={value}" for name, value in SETTINGS.items()]
-    values = {
-        "seed": SEED,
-        "set": sets,
-        "step_period": PERIOD,
-        "resolution": RESOLUTION,
-    }
-    world = bench.world(rate=100.0, out=str(seen.out), **values)
+    world = bench.world(rate=100.0, out=str(seen.out), seed=SEED, **SETTINGS)
     bench.spin_until(
         lambda: all(observer.count(topic) for topic in TEAM), "world found"
     )
@@ -441,7 +434,7 @@ def test_step_makes_one_step_and_holds(bench):
 
 def test_a_finished_run_has_no_new_episode(bench):
     observer = bench.observer()
-    world = bench.world(set=["steps=20"])
+    world = bench.world(steps=20)
     bench.robots()
     bench.spin_until(lambda: world.done, "finished")
     episode = world.lockstep.world.episode

@@ -138,7 +138,7 @@ def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(
         "tables": "before",
     }
     found = nodes(params_file=file, **given)
-    assert [values(one).get("tables") for one in found] == [*["before"] * 5, None]
+    assert [values(one).get("tables") for one in found] == ["before", *[None] * 5]
     assert found[0]["parameters"][0] == file
     world = values(found[0])
     assert (world["penalty"], world["steps"], world["seed"]) == (-11.0, 200, 0)

@@ -43,8 +43,10 @@ def begun(own_domain, tmp_path, monkeypatch):
             )
             config = replace(make_run(scenario, run), id="this run")
             node.hear("run", String(data=config.to_yaml()))
-            for _ in range(3):
-                node.tick()
+            say(node, RunState.WAITING, 1, 0)
+            node.tick()
+            say(node, RunState.WAITING, 1, 0, Order("the first", 0))
+            node.tick()
             assert node.member.joined
             return node
 
@@ -100,7 +102,7 @@ def test_who_goes_back_listens_anew(begun):
     node = begun()
     state = Converter(node.run).pose(1, 3)
     [before] = listening(node)
-    say(node, RunState.LEARNING, 1, 0, Order("order", 0, 1))
+    say(node, RunState.LEARNING, 1, 0, Order("the second", 0))
     node.hear(STATES, state)
     assert (node.member.joined, node.member.lockstep.newest[0]) == (False, 0)
     node.tick()

@@ -19,6 +19,7 @@ from patience import PATIENCE_SECONDS
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
+from sparse_coord_ros.core.game.settings import parse_assignments
 from sparse_coord_ros.lab.driving import navigator
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.log.runlog.verify import verify
@@ -69,11 +70,11 @@ def start_team(types, bench, tmp_path):
                 FaultyNav2(context=bench.place("nav2")[0], values=values), "nav2"
             )
         given = {"scenario": scenario, "out": str(out), "seed": 7}
-        given |= {"set": [f"steps={steps}"], **(world or {})}
+        given |= {"steps": steps, **(world or {})}
         if recorder:
             given["recorded"] = True
         made = bench.world(bodies=True, **given)
-        bench.robots(len(names), out=str(out), tables=given.get("tables", ""))
+        bench.robots(len(names), out=str(out))
         if recorder:
             bench.recorder(out / "bag")
         driven = names if driven is None else driven
@@ -194,11 +195,8 @@ def test_what_was_learned_in_simulation_nav2_drives(
         sparse_coord(["train", scenario, *sets, "--seed", "1", "--out", str(learned)])
         == 0
     )
-    sets = [one for one in training if "steps" not in one] + [
-        f"steps={driving}",
-        "starts=fixed",
-    ]
-    values = {"greedy": True, "tables": str(learned), "set": sets}
+    settings = {**parse_assignments(training), "steps": driving, "starts": "fixed"}
+    values = {"greedy": True, "tables": str(learned), **settings}
     world, drivers, server = start_team(scenario=scenario, recorder=True, world=values)
     together = Together(world, server)
     begun = time.monotonic()
@@ -230,10 +228,11 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     observer = bench.observer()
     steps = 6
     said = {"epsilon": "constant:0", "starts": "fixed"}
-    sets = [f"steps={steps}", *(f"{name}={value}" for name, value in said.items())]
     step_timeout = 8.0
-    values = {"step_timeout": step_timeout, "percept_timeout": 4.0, "rate": 0.5}
-    world, drivers, server = start_team(world={"set": sets, "checkpoint": 2, **values})
+    values = {"step_timeout": step_timeout, "rate": 0.5}
+    world, drivers, server = start_team(
+        world={"steps": steps, **said, "checkpoint": 2, **values}
+    )
     bench.spin_until(moved(world, 1), "under way")
     slow = server.bases["robot_1"]
     slow.speed = 0.1
@@ -503,7 +502,7 @@ def test_with_transforms_for_poses_the_same_bits(
 
     out = tmp_path / "out"
     place = {"context": bench.place()[0], "namespace": "fleet"}
-    given = {"set": ["steps=8"], "out": str(out), "seed": 7, "namespace": "fleet"}
+    given = {"steps": 8, "out": str(out), "seed": 7, "namespace": "fleet"}
     world = bench.world(bodies=True, **given)
     bench.robots(out=str(out), namespace="fleet")
     for name in ROBOTS:

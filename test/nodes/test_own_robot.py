@@ -14,7 +14,7 @@ NAME = ["--ros-args", "-r", "__node:=robot_1"]
 def test_a_run_with_a_robot_of_ones_own(bench, tmp_path):
     """World, peer and recorder accept it; verify checks everything that the log contains."""
     kind = runpy.run_path(str(OWN_ROBOT))["OwnRobot"]
-    world = bench.world(set=["steps=150"], out=str(tmp_path), recorded=True)
+    world = bench.world(steps=150, out=str(tmp_path), recorded=True)
     recorder = bench.recorder(tmp_path / "bag")
     peer = bench.robot("robot_2")
     own = bench.add(kind(context=bench.place()[0], cli_args=NAME))

@@ -151,7 +151,7 @@ class Side:
         self.expired += 1
 
 
-TIMEOUTS = {"percept_timeout": 1.0, "step_timeout": 5.0}
+TIMEOUTS = {"step_timeout": 2.5}
 
 
 @pytest.fixture

@@ -7,27 +7,34 @@ from dataclasses import replace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.protocol.wire import Occasion, RunState
 from sparse_coord_ros.protocol.wire.status import (
-    NO_ROLLBACK,
+    NO_ATTEMPT,
     Order,
+    Progress,
     RunStatus,
     read_progress,
 )
-from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes import recorder, ros_topics
+from sparse_coord_ros.ros.nodes.messages import Converter, status, tables_message
 from sparse_coord_ros.ros.nodes.recorder import (
     LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
     Recorder,
+    checkpoints_in,
 )
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
 from .puppet import puppet
+
+FIRST = Order("first", 0)
+SECOND = Order("second", 0)
 
 
 @pytest.fixture
@@ -35,7 +42,7 @@ def recording(own_domain, tmp_path):
     """Return a function that starts a recorder, which records a run at once."""
     with ros_context() as context, ExitStack() as stack:
 
-        def begin(namespace="", kind=Recorder):
+        def begin(namespace="", kind=Recorder, robots=True):
             node = puppet(kind)(
                 context=context,
                 namespace=namespace,
@@ -43,10 +50,16 @@ def recording(own_domain, tmp_path):
             )
             stack.callback(node.destroy_node)
             stack.callback(node.finish, interrupted=True)
-            run = replace(make_run(load_scenario("env1"), {}), id="this run")
+            run = make_run(load_scenario("env1"), {"recorded": True})
+            run = replace(run, id="this run")
             node.hear("run", String(data=run.to_yaml()))
+            say(node, RunState.WAITING, 1, 0)
             node.tick()
+            say(node, RunState.WAITING, 1, 0, order=FIRST)
             assert node.recording is not None
+            node.count_publishers = lambda name: 1
+            if robots:
+                begun(node, FIRST)
             return node
 
         yield begin
@@ -92,27 +105,84 @@ def test_who_talks_on_keeps_no_recorder(recording):
     assert part.all_done(ended + LAST_MESSAGES_SECONDS + 1)
 
 
-def test_a_recorder_has_obeyed_when_it_finds_the_robots(recording):
-    """Else a log that begins there lacks a robot's first message."""
-    told = []
-
-    class Telling(Recorder):
-        """Keeps its messages to the world."""
-
-        def announce(self, topic, owner=""):
-            publisher = super().announce(topic, owner)
-            if topic.name == ros_topics.PROGRESS.name:
-                publisher.publish = told.append
-            return publisher
-
-    node = recording(kind=Telling)
-    found = set()
-    node.count_publishers = lambda name: name in found
-    say(node, RunState.LEARNING, 1, 0, order=Order("order", NO_ROLLBACK, 1))
+def begun(node, order):
+    """Let the robots say that they have begun an attempt."""
     for robot in ("robot_1", "robot_2"):
-        node.tick()
-        assert not told
-        found.add(ros_topics.ACTION.of(robot))
+        said = Progress((0,), order.attempt)
+        topic = ros_topics.PROGRESS.of(robot)
+        node.hear(topic, status(robot, "progress", said.values()))
     node.tick()
-    [message] = told
-    assert read_progress(message).obeyed == "order"
+
+
+class Telling(Recorder):
+    """Keeps its messages to the world."""
+
+    def announce(self, topic, owner=""):
+        publisher = super().announce(topic, owner)
+        if topic.name == ros_topics.PROGRESS.name:
+            self.told = []
+            publisher.publish = lambda said: self.told.append(read_progress(said))
+        return publisher
+
+
+def test_a_recorder_begins_a_segment_when_all_robots_have_begun_the_attempt(
+    recording, monkeypatch
+):
+    """Else messages of the attempt before would come into it."""
+    node = recording(kind=Telling, robots=False)
+    assert node.told == [Progress((), NO_ATTEMPT)]
+    begun(node, FIRST)
+    assert node.told.pop() == Progress((0,), "first")
+    say(node, RunState.RESUMING, 1, 0, order=SECOND)
+    node.tick()
+    begun(node, FIRST)
+    assert node.recording.attempt == "first"
+    monkeypatch.setattr(recorder, "QUIET_SECONDS", 0.0)
+    begun(node, SECOND)
+    assert node.told.pop() == Progress((0,), "second")
+    assert sorted(path.name for path in node.directory.iterdir()) == [
+        "bag_0.mcap",
+        "bag_1.mcap.partial",
+    ]
+
+
+def test_a_recorder_begins_without_robots_with_which_the_world_does_not_wait(recording):
+    node = recording(robots=False)
+    say(node, RunState.LEARNING, 1, 0, order=FIRST)
+    node.tick()
+    assert node.recording.attempt == "first"
+
+
+def tables(node, robot, step, occasion, attempt="first"):
+    """Let the recorder hear a robot's tables."""
+    message = tables_message(b"npz", step, occasion, attempt)
+    node.hear(ros_topics.TABLES.of(robot), message)
+    node.tick()
+
+
+def test_tables_are_attached_when_the_bag_holds_everything_before_them(recording):
+    """With those of all robots it is a checkpoint of the recorder; not of another attempt."""
+    node = recording(kind=Telling)
+    robots = "robot_1", "robot_2"
+    for robot in robots:
+        tables(node, robot, 0, Occasion.BEGIN)
+        tables(node, robot, 7, Occasion.CHECKPOINT, attempt="another")
+        tables(node, robot, 7, Occasion.CHECKPOINT)
+    assert node.told[-1] == Progress((0,), "first")
+    convert = Converter(node.run)
+    for robot in robots:
+        data = convert.pack_state(7, node.run.scenario.robots[0].start)
+        message = deserialize_message(data, ros_topics.LOCAL_STATE.type)
+        node.hear(ros_topics.LOCAL_STATE.of(robot), message)
+    node.tick()
+    assert node.told[-1] == Progress((0, 7), "first")
+    node.finish(interrupted=False)
+    attached = [
+        one.name
+        for one in open_bag(node.directory).attachments
+        if one.name.startswith("tables/")
+    ]
+    assert attached == [
+        f"tables/{robot}_{step}.npz" for step in (0, 7) for robot in robots
+    ]
+    assert checkpoints_in(open_bag(node.directory)) == [0, 7]

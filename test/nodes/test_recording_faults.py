@@ -25,7 +25,7 @@ from sparse_coord_ros.log.bags import BagWriter, open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import FORMAT_KEY
-from sparse_coord_ros.ros.nodes.recorder import BagProcess
+from sparse_coord_ros.ros.nodes.recorder import BagProcess, Recorder
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -36,6 +36,7 @@ STEPS_UNTIL_FULL = 700
 WRITER = "sparse_coord_ros.log.bags.process"
 PERIOD_NS = 100_000_000
 NEVER = {"flush_seconds": 3600.0, "flush_steps": 10_000_000}
+"""Of a recorder that flushes only where a test wants it."""
 
 
 def last_step(bag):
@@ -91,7 +92,7 @@ def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp
     assert last_step(out / "bag") >= first >= 15
 
 
-def test_a_run_goes_on_when_its_writer_is_killed(tmp_path):
+def test_a_run_goes_on_when_its_writer_is_killed(tmp_path, monkeypatch):
     out = tmp_path / "out"
     killed = []
 
@@ -101,8 +102,9 @@ def test_a_run_goes_on_when_its_writer_is_killed(tmp_path):
             os.kill(killed[0], signal.SIGKILL)
         return False
 
-    values = {"scenario": "env1", "set": ["steps=150"], "rate": 150.0, "record": True}
-    more = {"out": str(out), "flush_steps": 10}
+    values = {"scenario": "env1", "steps": 150, "rate": 150.0, "record": True}
+    more = {"out": str(out)}
+    monkeypatch.setattr(Recorder, "flush_steps", 10)
     with ros_context() as context:
         summary = run_team({**values, **more}, context=context, stop=look)
     error = f"^the writer process of the bag {out / 'bag'} has ended; the rec"
@@ -175,10 +177,9 @@ def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(
 
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.BagProcess", Broken)
     out = tmp_path / "out"
-    values = {"scenario": "env1", "set": ["steps=30"], "out": str(out), "record": True}
-    quick = {"startup_timeout": 30.0}
+    values = {"scenario": "env1", "steps": 30, "out": str(out), "record": True}
     with ros_context() as context:
-        summary = run_team({**values, **quick}, context=context)
+        summary = run_team(values, context=context)
     assert (summary["transitions"], summary["recording_error"]) == (
         30,
         "cannot write run.yaml",
@@ -189,7 +190,8 @@ def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(
 def a_recorded_bench(bench, bag, steps, **flush):
     """Run that many steps or a few more, then let the world stand still; return its time step."""
     world = bench.world(recorded=True)
-    recorder = bench.recorder(bag, **{**NEVER, **flush})
+    recorder = bench.recorder(bag)
+    vars(recorder).update({**NEVER, **flush})
     bench.robots()
     bench.spin_until(lambda: world.lockstep.world.step >= steps, "steps")
     world.values["rate"] = 0.001
@@ -221,7 +223,7 @@ def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
 def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.KEPT_FREE", 1 << 60)
     bench.world(recorded=True, rate=100.0)
-    bench.recorder(tmp_path / "bag", flush_steps=5)
+    bench.recorder(tmp_path / "bag").flush_steps = 5
     bench.robots()
     with pytest.raises(BagError, match=r"its disk has \d+ MiB left"):
         bench.spin_until(lambda: False)
@@ -246,7 +248,7 @@ def test_an_output_directory_that_is_deleted_is_made_again(
         "sparse_coord_ros.ros.nodes.world_simulator.WorldSide", Deleting
     )
     with ros_context() as context:
-        summary = run_team({**values, "set": ["steps=40"]}, context=context)
+        summary = run_team({**values, "steps": 40}, context=context)
     assert deleted
     assert summary["recording_error"].endswith(f"is in {out}/bag_rescued")
     assert verify(out / "bag_rescued").same

@@ -25,17 +25,17 @@ NAMES = ("robot_1", "robot_2")
 
 @pytest.fixture
 def scene():
-    run = make_run(load_scenario("env1"), {"step_period": 0.2, "resolution": 0.5})
+    run = make_run(load_scenario("env1"), {})
     convert = Converter(run)
     return Anything(run=run, convert=convert)
 
 
-def markers(scene, cells, actions=None, step=5):
+def markers(scene, cells, actions=None, step=10):
     shown = Scene(scene.convert, step, cells, scene.convert.header(step))
     return {(one.ns, one.id): one for one in shown.markers(actions or {}).markers}
 
 
-def asking(scene, percept, *, perceived=False, step=4, peer=1):
+def asking(scene, percept, *, perceived=False, step=9, peer=1):
     report = SelfReport(percept, False)
     return scene.convert.pack_action(step, Action(0, True, peer, perceived), report)
 
@@ -46,7 +46,7 @@ def test_names_hang_over_the_robots(scene):
         one = found["names", k]
         assert (one.type, one.text) == (Marker.TEXT_VIEW_FACING, NAMES[k])
         x, y = scene.convert.centres[cell]
-        assert one.pose.position.x == x and y < one.pose.position.y < y + 0.5 * 0.5
+        assert one.pose.position.x == x and y < one.pose.position.y < y + 0.5
     stamps = {(m.header.frame_id, m.header.stamp.sec) for m in found.values()}
     assert stamps == {("map", 1)}
 

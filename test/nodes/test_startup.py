@@ -20,14 +20,16 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Progress
 from sparse_coord_ros.ros.nodes import parameters, robot, ros_topics
+from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import Member, RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
-SHORT = ["steps=40"]
+SHORT = 40
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def said(simulate):
 def start_in_order(bench, out, order, *, wait):
     """Start the nodes named by w(orld), r(ecorder), 1 and 2, the last one settled."""
     made = {
-        "w": lambda: bench.world(out=str(out), set=SHORT, recorded="r" in order),
+        "w": lambda: bench.world(out=str(out), steps=SHORT, recorded="r" in order),
         "r": lambda: bench.recorder(out / "bag"),
         "1": lambda: bench.robot("robot_1", out=str(out)),
         "2": lambda: bench.robot("robot_2", out=str(out)),
@@ -125,11 +127,13 @@ def test_a_second_world_stops(bench, looking):
 
 def ends_without(bench, world, *missing, start):
     """Let a world give up once it lacks just these; it names them, and what starts the first."""
-    bench.spin_until(
-        lambda: world.topics.missing() == [*missing], f"it lacks {missing}"
-    )
-    world.values["startup_timeout"] = 0.001
-    text = f"^startup_timeout: .* {re.escape(', '.join(missing))};.*: ros2 run "
+
+    def lacks():
+        return hasattr(world, "restart") and world.restart.silent == [*missing]
+
+    bench.spin_until(lacks, f"it lacks {missing}")
+    world.startup_timeout = 0.001
+    text = f"^after .* {re.escape(', '.join(missing))};.*: ros2 run "
     text += re.escape(f"sparse_coord_ros {start}") + "$"
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
@@ -145,10 +149,9 @@ def test_robots_that_are_missing_are_named(bench, monkeypatch):
 
 
 def test_a_recorder_that_is_missing_is_named(bench):
-    """The robots wait for it too."""
     world = bench.world(recorded=True)
     bench.robots()
-    ends_without(bench, world, "robot_1", "robot_2", "recorder", start="recorder")
+    ends_without(bench, world, "recorder", start="recorder")
 
 
 def test_a_robot_that_is_missing_in_a_namespace_is_started_there(bench):
@@ -160,7 +163,7 @@ def test_a_robot_that_is_missing_in_a_namespace_is_started_there(bench):
 def test_a_greedy_robot_without_tables(bench):
     bench.world(greedy=True)
     bench.robots()
-    with pytest.raises(TablesError, match="robot_[12]: .* 'tables'"):
+    with pytest.raises(TablesError, match="the run is greedy .* .tables."):
         bench.spin_until(lambda: False)
 
 
@@ -200,10 +203,11 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
 @pytest.mark.parametrize("name", ["robot_1", "recorder"])
 def test_who_hears_of_no_world_ends(bench, tmp_path, name):
     if name == "recorder":
-        bench.recorder(tmp_path / "bag", startup_timeout=0.2)
+        node = bench.recorder(tmp_path / "bag")
     else:
-        bench.robot(name, startup_timeout=0.2)
-    with pytest.raises(RunError, match=f"^startup_timeout: node {name} .* /run"):
+        node = bench.robot(name)
+    node.startup_timeout = 0.2
+    with pytest.raises(RunError, match=f"^node {name} .* /run"):
         bench.spin_until(lambda: False)
 
 
@@ -231,7 +235,7 @@ def test_a_teams_output_directory_is_left_alone(tmp_path):
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("wrong", [{"set": ["steps=0"]}, {"scenari": "env1"}])
+@pytest.mark.parametrize("wrong", [{"steps": 0}, {"scenari": "env1"}])
 def test_a_team_that_is_refused_makes_no_directory(tmp_path, wrong):
     out = tmp_path / "out"
     values = {"scenario": "env1", "out": str(out), **wrong}
@@ -255,13 +259,13 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"
-        run_team({**values, "out": str(out), "set": ["steps=1"]}, context=context)
+        run_team({**values, "out": str(out), "steps": 1}, context=context)
         (before / "run.yaml").write_text((out / "run.yaml").read_text())
         patch.setattr("sparse_coord_ros.ros.nodes.robot.Member", Watched)
         out = tmp_path / "greedy"
         more = {
             "out": str(out),
-            "set": ["steps=80"],
+            "steps": 80,
             "greedy": True,
             "tables": str(before),
         }
@@ -277,7 +281,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
 def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
     first = simulate("env1", {"steps": 40}, seed=3)
     second = simulate("env1", {"steps": 40}, seed=4, tables=first.tables)
-    values = {"scenario": "env1", "record": False, "set": SHORT}
+    values = {"scenario": "env1", "record": False, "steps": SHORT}
     with ros_context() as context:
         run_team({**values, "seed": 3, "out": str(tmp_path / "one")}, context=context)
         more = {
@@ -305,9 +309,21 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
     mine.create_subscription(
         state.type, state.of("robot_2"), lambda said: None, state.qos
     )
+    progress = ros_topics.PROGRESS
+    says = mine.create_publisher(progress.type, progress.of("robot_2"), progress.qos)
+
+    def say(attempt):
+        values = Progress((), attempt).values()
+        says.publish(status("robot_2", "progress", values))
+
+    say(NO_ATTEMPT)
+    bench.spin_until(lambda: hasattr(world, "restart"), "it has opened")
+    bench.spin_until(lambda: world.restart.order.attempt, "both are there")
+    say(world.restart.order.attempt)
     lacks = "robot_2 (it lacks a subscription to /robot_2/reward)"
-    bench.spin_until(lambda: lacks in world.topics.missing(), "it is half there")
-    world.values["startup_timeout"] = 0.001
+    bench.spin_until(lambda: not world.restart.waiting, "both have begun")
+    bench.spin_until(lambda: world.topics.missing() == [lacks], "it is half there")
+    world.startup_timeout = 0.001
     with pytest.raises(RunError, match=re.escape(lacks)):
         bench.spin_until(lambda: False)
 
@@ -320,9 +336,7 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
         own += [word for parameter in parameters for word in ("-p", parameter)]
         return bench.add(kind(context=bench.place(name, own)[0]), name)
 
-    start(
-        WorldSimulator, "earth", "scenario:=env1", "set:=[steps=30]", "recorded:=true"
-    )
+    start(WorldSimulator, "earth", "scenario:=env1", "steps:=30", "recorded:=true")
     start(Recorder, "scribe", f"out:={tmp_path / 'bag'}")
     for name in ("robot_1", "robot_2"):
         start(RobotNode, name)

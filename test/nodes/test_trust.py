@@ -8,13 +8,11 @@ from dataclasses import replace
 import pytest
 from recordings import recorded
 from std_msgs.msg import String
-from teams import THEIRS, forgotten, untrained
+from teams import THEIRS, forgotten
 
-from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
@@ -102,7 +100,7 @@ def test_no_node_of_a_run_under_way_does(bench, beside, tmp_path, monkeypatch, k
     bench.spin_until(
         lambda: not early.get_publishers_info_by_topic("/run"), "it is gone"
     )
-    world = bench.world(rate=0.001, set=["steps=60"], recorded=True)
+    world = bench.world(rate=0.001, steps=60, recorded=True)
     place = {"context": bench.place()[0]}
     nodes = [early, *(bench.add(start(place, tmp_path)) for start in NODES.values())]
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
@@ -122,29 +120,8 @@ def test_a_robot_that_is_told_to_follows_it(bench, beside, monkeypatch, kind):
     assert beside.exists()
 
 
-def test_a_robot_reads_no_tables_but_those_it_was_given(bench, tmp_path, capfd):
-    run = make_run(load_scenario("env1"), {})
-    (tmp_path / "run.yaml").write_text(run.to_yaml())
-    save_team(tmp_path, [untrained(run.scenario, k=k).memory for k in range(2)])
-    robot = bench.robot("robot_1")
-    told = bench.robot("robot_2", tables=str(tmp_path))
-    say(bench, String(data=replace(run, id="theirs", tables=str(tmp_path)).to_yaml()))
-    bench.spin_until(
-        lambda: robot.subscriber.dropped["run"] and told.member, "the run is heard"
-    )
-    assert robot.member is None and robot.failure is None
-    assert (
-        f"begins with the tables of '{tmp_path}', but parameter 'tables' of this robot is empty"
-        in capfd.readouterr().err
-    )
-    robot.values["startup_timeout"] = 0.001
-    text = "^startup_timeout: node robot_1 cannot follow the run on /run: .* begins with the"
-    with pytest.raises(RunError, match=text):
-        bench.spin_until(lambda: False)
-
-
 def test_a_world_is_told_by_its_own_parameters(bench, beside):
-    world = bench.world(learner="theirs:Team", set=["perception=theirs:fog:0.5"])
+    world = bench.world(learner="theirs:Team", perception="theirs:fog:0.5")
     assert world.run.rule.label == "theirs:Team" and beside.exists()
 
 
@@ -156,7 +133,7 @@ def test_the_player_plays_it_unread(bench, beside, tmp_path, monkeypatch):
         )
     monkeypatch.setenv(ALLOW_VARIABLE, "")
     beside.unlink()
-    values = {"bag": str(tmp_path / "sent/bag"), "delay": 0.0, "rate": 100.0}
+    values = {"bag": str(tmp_path / "sent/bag"), "rate": 100.0}
     player = bench.add(Player(context=bench.place()[0], values=values))
     bench.spin_until(lambda: player.done, "the bag is played")
     assert not beside.exists()

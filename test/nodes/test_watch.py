@@ -121,7 +121,7 @@ def test_details_have_the_row_of_the_newest_tables(good):
         for k in range(2):
             if f"robot_{k + 1}_0" in one.name:
                 takes[f"/robot_{k + 1}/tables"](
-                    serialize_message(tables_message(one.data, 0, ""))
+                    serialize_message(tables_message(one.data, 0, "", ""))
                 )
                 [saved] = unpack_saved(one.data, [k + 1], where=one.name)
                 tables[k] = tables_of(good.run.scenario, good.run.rule, k, saved.memory)
@@ -160,7 +160,7 @@ def test_reasons_are_told_of_robots_whose_tables_were_heard(good):
     _, takes, view = heard_of(good.run)
     for one in open_bag(good.bag).attachments:
         if "robot_2" in one.name:
-            message = tables_message(one.data, 0, "start")
+            message = tables_message(one.data, 0, "begin", "")
             takes["/robot_2/tables"](serialize_message(message))
     told = {0: set(), 1: set()}
     for message in open_bag(good.bag).messages(set(takes)):
@@ -228,7 +228,7 @@ def test_what_was_missed_is_said_and_begins_no_episode(good, what):
 
 def test_a_page_beside_a_live_team(bench, monkeypatch):
     monkeypatch.setattr(watch, "GONE_SECONDS", 1.5)  # it says its status every second
-    world = bench.world(set=["steps=3000"], checkpoint=20)
+    world = bench.world(steps=3000, checkpoint=20)
     node = bench.add(
         WatchNode(context=bench.place("observer")[0], values={"port": 0}), "observer"
     )
@@ -284,7 +284,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
     try:
         values = {
             "scenario": "env1",
-            "set": ["steps=300"],
+            "steps": 300,
             "out": str(tmp_path / "run"),
         }
         values |= {"seed": 3}

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of the factored learner: computed again, explained, and forged."""
+"""Logs of the factored learner: computed again and explained."""
 
 import struct
 
@@ -79,7 +79,7 @@ def test_a_run_that_goes_on_from_tables(record, logged):
     assert verify(record("env2-2r", settings, values=values, tables=tables).bag).same
 
 
-def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_path):
+def test_other_partners_in_the_log_differ(logged, rewritten, tmp_path):
     log = read_run(logged[4].bag)
     together = log.rewards[..., -1] > 0
     assert (
@@ -96,8 +96,8 @@ def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_pat
         said = struct.pack("<d", float(log.rewards[row, k, -1]))
         data = messages[place].data
         assert data.count(said) == 1
-        forged = struct.pack("<d", float(1 << k ^ 0b1111) - log.rewards[row, k, -1])
-        messages[place] = messages[place]._replace(data=data.replace(said, forged))
+        other = struct.pack("<d", float(1 << k ^ 0b1111) - log.rewards[row, k, -1])
+        messages[place] = messages[place]._replace(data=data.replace(said, other))
         return messages
 
     found = verify(rewritten(logged[4].bag, tmp_path / "bag", change))

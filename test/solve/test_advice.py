@@ -3,6 +3,7 @@
 """Whether coordination will pay: loss, ratio and possible gain, and the words for them."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from teams import drawn
@@ -21,7 +22,6 @@ from sparse_coord_ros.core.solve.advice import (
     loss_of_ignoring,
     relative_gain,
 )
-from sparse_coord_ros.core.solve.group_bound import without_others
 from sparse_coord_ros.core.solve.optimum import independent_bound
 
 MEETING = "1D2"
@@ -128,7 +128,8 @@ def test_robots_that_can_avoid_each_other_need_not_ask():
 
 
 def test_one_robot_has_nobody_to_ask():
-    found = advice(without_others(load_scenario("env1"), [0]))
+    pair = load_scenario("env1")
+    found = advice(replace(pair, robots=pair.robots[:1]))
     assert (found.kind, found.loss) == (WILL_NOT_PAY, 0.0)
     assert found.text == "With one robot there is nobody to ask."
 

@@ -10,12 +10,14 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.processes import in_processes
 from sparse_coord_ros.core.game.plugins import allow_named
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run import learn
 from tools.bench.rates import in_turn, spread
@@ -23,13 +25,22 @@ from tools.bench.rates import in_turn, spread
 MEASURED = (
     ("env1", "coop", 1.0),
     ("env1", "factored", 0.5),
-    ("env1", "tools.study.rules:NoReplay", 0.5),
+    ("env1", "tools.bench.batch:NoReplay", 0.5),
     ("crowd-8r", "factored", 0.1),
 )
 """Scenario, learner, and how many of the runs that were asked for."""
 
 PYTHON_RUNS = 3
 """Learning runs of the plain Python measurement: it is hundreds of times slower."""
+
+
+class NoReplay(Factored):
+    """A learner of one's own: factored that does not learn from its own model."""
+
+    @staticmethod
+    def replay(mind: Any, task: Any, now: Any) -> None:
+        """Replay nothing."""
+
 
 ENGINE = "engine (numba)"
 PYTHON = "plain Python"

@@ -88,7 +88,7 @@ def _live(
     with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
         values = {
             "scenario": scenario,
-            "set": [f"steps={steps}"],
+            "steps": steps,
             "out": str(Path(folder) / "run"),
             "record": record,
         }

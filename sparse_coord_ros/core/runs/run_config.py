@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from sparse_coord_ros.base.errors import (
     RunError,
@@ -26,7 +26,7 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
-from sparse_coord_ros.core.game.grid import RESOLUTIONS, GridMap
+from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.perception import (
     MODELS,
     check_found_elsewhere,
@@ -119,25 +119,13 @@ class RunConfig:
     greedy: bool = setting(
         False, "act on learned tables, without exploring or learning"
     )
-    step_period: float = setting(
-        0.1, "simulated seconds a time step", low=1e-3, high=60
-    )
     clock: str = setting(
         OWN_CLOCK,
-        "own: the world publishes /clock, step t at t * step_period; none: it does not",
+        "own: the world publishes /clock, step t at t * 0.1 s; none: it does not",
         choices=(OWN_CLOCK, NO_CLOCK),
-    )
-    resolution: float = setting(
-        0.0,
-        "metres per cell, at least 0.001; 0: the map's resolution, or 1 if it has none",
-        low=0,
-        high=RESOLUTIONS[1],
     )
     step_timeout: float = setting(
         5.0, "seconds until a silent robot is left out", low=0.1
-    )
-    percept_timeout: float = setting(
-        2.0, "seconds until an unanswered question fails", low=0.05
     )
     bodies: bool = setting(
         False, "the robots have bodies: each step waits for their drivers"
@@ -159,24 +147,18 @@ class RunConfig:
     versions: Mapping[str, str]
     id: str = ""
 
-    def __post_init__(self) -> None:
-        """Look up the map's resolution where 0 is given.
+    step_period: ClassVar[float] = 0.1
+    """Simulated seconds a time step."""
 
-        Raises:
-            SettingError: the deadlines contradict each other, or the cells are too small.
-        """
-        if self.resolution == 0.0:
-            object.__setattr__(self, "resolution", self.scenario.map.resolution or 1.0)
-        if self.resolution < RESOLUTIONS[0]:
-            why = f"0 or a number from {RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}"
-            raise SettingError(
-                f"setting resolution: value is {self.resolution:g}, allowed: {why}"
-            )
-        if self.percept_timeout >= self.step_timeout:
-            raise SettingError(
-                f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
-                f"step_timeout ({self.step_timeout:g})"
-            )
+    @property
+    def resolution(self) -> float:
+        """Metres a cell: those of the map, or 1."""
+        return self.scenario.map.resolution or 1.0
+
+    @property
+    def percept_timeout(self) -> float:
+        """Seconds until an unanswered question fails: 2 of the default's 5 for a silent robot."""
+        return 0.4 * self.step_timeout
 
     @property
     def rule(self) -> Learner:
@@ -191,16 +173,6 @@ class RunConfig:
     def known_rule(self) -> Learner | None:
         """The learner that the run names; None where its code may not be imported."""
         return None if LEARNERS.barred(self.learner) else self.rule
-
-    @property
-    def by_this_package(self) -> bool:
-        """True if this package's world computed it, not the user's own."""
-        return "sparse_coord_ros" in self.versions
-
-    @property
-    def markers_tell_steps(self) -> bool:
-        """True if the topic `markers` has time steps as stamps: else they are for people only."""
-        return self.by_this_package and self.clock == OWN_CLOCK
 
     @property
     def title(self) -> str:

@@ -104,57 +104,18 @@ def is_too_large(scenario: Scenario) -> bool:
     return states > MOST_JOINT_STATES or outcomes > MOST_JOINT_OUTCOMES
 
 
-def _solve(
-    scenario: Scenario,
-    leads: Sequence[np.ndarray],
-    paid: np.ndarray,
-    cost: np.ndarray | float = 0.0,
-) -> float:
-    """Return the best value from the starts.
+def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
+    """Return the best value from the starts, by value iteration.
 
     Args:
         scenario: the problem.
         leads: as `successors` returns them, one a robot.
         paid: as `payment` returns it.
-        cost: mean cost of a step for a robot, by the joint state where it begins.
     """
-    start = tuple(robot.start for robot in scenario.robots)
-    values = _joint_values(scenario, leads, paid, cost)
-    return float(values.max(axis=tuple(range(len(leads))))[start])
-
-
-def always_asking(scenario: Scenario) -> float | None:
-    """Return the best value of a team whose robots ask in every step, and pay for it.
-
-    Each question is answered, so the team sees as much as that of the joint optimum. A robot pays
-    `ask_cost` in each step in which it has not arrived.
-
-    Returns:
-        Total discounted reward from the starts, averaged over the robots; None where there are
-        more than `MOST_JOINT_STATES` joint states, and with swap or block.
-    """
-    team = len(scenario.robots)
-    cells = len(scenario.map.cells)
-    if is_too_large(scenario) or not only_together(interactions_of(scenario)):
-        return None
-    leads = [successors(scenario, k) for k in range(team)]
-    states = np.indices((cells,) * team)
-    goals = [robot.goal for robot in scenario.robots]
-    asking = sum(states[k] != goal for k, goal in enumerate(goals))
-    cost = asking * (scenario.ask_cost / team)
-    return _solve(scenario, leads, payment(scenario), cost)
-
-
-def _joint_values(
-    scenario: Scenario,
-    leads: Sequence[np.ndarray],
-    paid: np.ndarray,
-    cost: np.ndarray | float,
-) -> np.ndarray:
-    """Return the values of joint actions, last robot first, in joint states."""
     value = np.zeros(paid.shape)
     every = (slice(None),) * len(leads)
     p = scenario.move_success
+    start = tuple(robot.start for robot in scenario.robots)
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
         # The value of the next joint state; each robot adds its axis in front.
@@ -163,12 +124,11 @@ def _joint_values(
             values = np.stack(
                 [p * values.take(to, 2 * k) + (1.0 - p) * values for to in lead]
             )
-        values -= cost
         # All have arrived: the trial is over, and robots in one doorway do not pay.
         values[every + goal] = scenario.arrival_value
         best = values.max(axis=tuple(range(len(leads))))
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
-            return values
+            return float(best[start])
         value = best
 
 

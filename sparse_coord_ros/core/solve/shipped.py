@@ -26,12 +26,10 @@ from typing import Any
 
 from sparse_coord_ros.base.share import shipped_json
 from sparse_coord_ros.core.game.scenario import Scenario, loaded
-from sparse_coord_ros.core.solve.group_bound import GroupBound
 from sparse_coord_ros.core.solve.optimum import Optimum, joint_optimum
 from sparse_coord_ros.core.solve.routes import RoutePlan
 
 UNSEEN = "unseen.json"
-BOUNDS = "bounds.json"
 
 GAME_SETTINGS = (
     "goal_reward",
@@ -166,14 +164,6 @@ def shipped_routes(scenario: Scenario) -> RoutePlan | None:
     return RoutePlan(**{**routes, "order": order, "avoided": avoided})
 
 
-def shipped_bound(scenario: Scenario) -> GroupBound | None:
-    """Return the bound by groups of the very same game of more than two robots, or None."""
-    bound = _shipped(BOUNDS, "bounds").get(game_digest(scenario))
-    if bound is None:
-        return None
-    return GroupBound(bound["value"], tuple(map(tuple, bound["groups"])))
-
-
 def known_optimum(scenario: Scenario) -> Optimum:
     """Return the joint optimum, or its bound; shipped where it takes long to compute."""
     value = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("optimum")
@@ -182,19 +172,16 @@ def known_optimum(scenario: Scenario) -> Optimum:
     return Optimum(value, True, len(scenario.map.cells) ** len(scenario.robots))
 
 
-def known_best(scenario: Scenario) -> float | None:
-    """Return the value of the best known team: asking, or of the route planner; None: unknown."""
-    best = shipped_asking_team(scenario) or shipped_routes(scenario)
-    return None if best is None else best.value
-
-
 def known_top(scenario: Scenario) -> float | None:
     """Return the value at the top of a benchmark's gap; None if unknown.
 
-    Of two robots that is the best asking team found, of more an upper bound (`shipped_bound`).
+    Of two robots that is the best asking team found, of more an upper bound.
     """
-    top = shipped_asking_team(scenario) or shipped_bound(scenario)
-    return None if top is None else top.value
+    team = shipped_asking_team(scenario)
+    if team is not None:
+        return team.value
+    bound = _shipped("bounds.json", "bounds").get(game_digest(scenario))
+    return None if bound is None else float(bound["value"])
 
 
 @cache

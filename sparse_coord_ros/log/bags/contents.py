@@ -124,7 +124,6 @@ class BagFile:
         finished: whether its recorder closed it: the file has its end.
         damage: the first damage, its place and one sentence; None: none was found.
         size: its size in bytes.
-        readable_bytes: the end of its readable data.
         topics: by channel.
         counts, sizes: number of messages, and bytes of their data, by topic; if checked.
         metadata: name and texts of each metadata record, in the order of the file.
@@ -142,7 +141,7 @@ class BagFile:
         self.finished = False
         self.damage: str | None = None
         self.size = 0
-        self.readable_bytes = len(MAGIC)
+        self._read_to = len(MAGIC)
         self.topics: dict[int, BagTopic] = {}
         self.counts: Counter[str] = Counter()
         self.sizes: Counter[str] = Counter()
@@ -174,23 +173,23 @@ class BagFile:
 
     def extend(self) -> bool:
         """Read on to the current end of the file; return whether it has new records."""
-        before = self.readable_bytes
+        before = self._read_to
         size = self._source.size
         if size == self.size:
             return False
         self.size = size
         self.finished = _has_end(self._source, size)
-        while not self._ended and self.damage is None and self.readable_bytes < size:
+        while not self._ended and self.damage is None and self._read_to < size:
             try:
-                record = self._source.record(self.readable_bytes, size)
+                record = self._source.record(self._read_to, size)
                 self._take(record)
             except Damage as damage:
                 if isinstance(damage, Cut) and not self.finished:
                     break
                 self.damage = str(damage)
             else:
-                self.readable_bytes = record.end
-        return self.readable_bytes != before
+                self._read_to = record.end
+        return self._read_to != before
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

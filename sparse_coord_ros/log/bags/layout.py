@@ -18,7 +18,9 @@ from sparse_coord_ros.base.files import (
     take_lock,
     write_whole,
 )
-from sparse_coord_ros.base.limits import open_regular
+
+RESCUE = "'pymcap-cli recover' (pip install pymcap-cli)"
+"""What makes a whole bag of the readable parts of a damaged one."""
 
 failing = partial(retold, BagError, OSError)
 """Turns an OSError into a BagError."""
@@ -69,7 +71,7 @@ class OutputFile:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
                 "recording ends there, unfinished, and is read up to there: make room or choose "
-                "another directory; 'pymcap-cli recover' gives the file an end"
+                f"another directory; {RESCUE} gives the file an end"
             )
             with contextlib.suppress(OSError):
                 self._file.truncate(begin)
@@ -141,9 +143,9 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
 
 
 def open_to_read(path: Path) -> BinaryIO:
-    """Open a file; raises BagError if it is missing, or a pipe or a device."""
+    """Open a file; raises BagError if it cannot be read."""
     with failing(f"cannot read {path}"):
-        return open_regular(path)
+        return path.open("rb")
 
 
 def being_recorded(path: Path) -> bool:

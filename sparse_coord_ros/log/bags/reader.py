@@ -13,16 +13,13 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError, check_format
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD
 from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
-from sparse_coord_ros.log.bags.layout import PARTIAL, being_recorded, failing
+from sparse_coord_ros.log.bags.layout import PARTIAL, RESCUE, being_recorded, failing
 from sparse_coord_ros.log.bags.records import MESSAGE
 from sparse_coord_ros.log.bags.topics import BagTopic
 from sparse_coord_ros.protocol.wire import CLOCK, FORMAT_KEY
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
-
-RESCUE = "'pymcap-cli recover' (pip install pymcap-cli)"
-"""What makes a whole bag of the readable parts of a damaged one."""
 
 
 class Message(NamedTuple):
@@ -53,7 +50,6 @@ class Bag:
     Attributes:
         files: its files.
         path: the file; for several files their directory.
-        part: whether only some blocks of its files are read.
 
     Raises:
         BagError: files do not belong together, or contain a run in another format.
@@ -67,7 +63,6 @@ class Bag:
         self.files = tuple(files)
         self._blocks = blocks
         self.path = files[0].path if len(files) == 1 else files[0].path.parent
-        self.part = blocks is not None
         topics: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics.values():
@@ -196,14 +191,10 @@ class Bag:
         return tuple(one for file in self.files for one in file.attachments)
 
     @property
-    def metadata_records(self) -> tuple[tuple[str, Mapping[str, str]], ...]:
-        """Name and texts of each metadata record; a name may be there more than once."""
-        return tuple(record for file in self.files for record in file.metadata)
-
-    @property
     def metadata(self) -> dict[str, Mapping[str, str]]:
         """The texts of the first metadata record of each name."""
-        return dict(reversed(self.metadata_records))
+        records = [record for file in self.files for record in file.metadata]
+        return dict(reversed(records))
 
     def between(self, first_ns: int, last_ns: int) -> "Bag":
         """Return the blocks with messages of some log times, as a bag."""

@@ -5,11 +5,10 @@
 World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
 directory `checkpoint` of the output directory. A team continues from the newest step for which
 all nodes have a file: the last common checkpoint. Step 0 is the run's beginning, without a file.
-A file contains its name (`name`), within its digest: under another name it is not a checkpoint. A
-rollback does not reset a node's counts of the run's faults: they are in `<node>_events.npz`.
+A file contains its name (`name`), within its digest: under another name it is not a checkpoint.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -34,20 +33,13 @@ CHECKPOINTS = "checkpoint"
 BEGINNING = 0
 """The step of the checkpoint that all nodes always have: the run's beginning."""
 
-EVENTS = "events"
-"""In place of a step in a file's name: the file holds counts."""
-
-KEPT_OWN = 3
-KEPT_COMMON = 2
-"""Number of its newest files that a node keeps, and of the newest common checkpoints here."""
-
 
 class CheckpointStore:
     """A store without checkpoints; `Checkpoints` has them on disk."""
 
     def steps(self) -> list[int]:
-        """Return the steps from which the node can continue, the newest first."""
-        return []
+        """Return the steps from which the node can continue, the newest first, and finally 0."""
+        return [BEGINNING]
 
     def load(self, step: int) -> Any:
         """Return the `WorldState` or `RobotState` of a step; None: at the beginning."""
@@ -56,12 +48,11 @@ class CheckpointStore:
     def save(self, state: WorldState | RobotState) -> None:
         """Save the node's state."""
 
-    def counted(self) -> dict[str, int]:
-        """Return the counts of the last call of `count`."""
-        return {}
+    def forget_after(self, step: int) -> None:
+        """Remove the checkpoints of later steps: the team does these again."""
 
-    def count(self, events: Mapping[str, int]) -> None:
-        """Save the counts so far."""
+    def forget_before(self, step: int) -> None:
+        """Remove the checkpoints of earlier steps: the team never goes back to them."""
 
 
 class Checkpoints(CheckpointStore):
@@ -86,6 +77,7 @@ class Checkpoints(CheckpointStore):
         self._names = run.scenario.names
         self.broken: list[str] = []
         self._readable: set[int] = set()
+        self._oldest = BEGINNING
         self._folder = out / CHECKPOINTS
         try:
             self._folder.mkdir(exist_ok=True)
@@ -136,26 +128,23 @@ class Checkpoints(CheckpointStore):
         self._folder.mkdir(exist_ok=True)
         self._write(state.step, self._arrays(state))
         self._readable.add(state.step)
-        self._prune()
 
-    def counted(self) -> dict[str, int]:
-        """Return the counts of the last call of `count`.
+    def forget_after(self, step: int) -> None:
+        """Remove the checkpoints of later steps: the team does these again."""
+        self._remove([one for one in steps_of(self._folder, self._node) if one > step])
 
-        Raises:
-            RunError: the file is of another run, or in another format.
-        """
-        try:
-            counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}
-            return {name: int(array) for name, array in counts.items()}
-        except (checkpoint_bytes.BrokenCheckpointError, TypeError, ValueError) as error:
-            self.broken.append(
-                f"{self._path(EVENTS)}: what was counted is lost ({error})"
-            )
-            return {}
+    def forget_before(self, step: int) -> None:
+        """Remove the checkpoints of earlier steps: the team never goes back to them."""
+        if step > self._oldest:
+            self._oldest = step
+            files = steps_of(self._folder, self._node)
+            self._remove([one for one in files if one < step])
 
-    def count(self, events: Mapping[str, int]) -> None:
-        """Save the counts so far."""
-        self._write(EVENTS, {name: np.array(number) for name, number in events.items()})
+    def _remove(self, steps: Iterable[int]) -> None:
+        for step in steps:
+            self._readable.discard(step)
+            with suppress(OSError):
+                self._path(step).unlink()
 
     def load(self, step: int) -> Any:
         """Return a saved `WorldState` or `RobotState`; None: the beginning of the run.
@@ -206,27 +195,17 @@ class Checkpoints(CheckpointStore):
             fields[name] = tuple(value) if isinstance(value, list) else value
         return kind(**fields)
 
-    def _prune(self) -> None:
-        """Remove files that are older than the newest ones and the common checkpoints here."""
-        mine = steps_of(self._folder, self._node)
-        others = (set(steps_of(self._folder, name)) for name in (WORLD, *self._names))
-        common = sorted(set(mine).intersection(*others), reverse=True)
-        for step in set(mine[KEPT_OWN:]) - set(common[:KEPT_COMMON]):
-            with suppress(OSError):
-                self._path(step).unlink()
+    def _path(self, step: int) -> Path:
+        return self._folder / f"{self._node}_{step}.npz"
 
-    def _path(self, what: int | str) -> Path:
-        return self._folder / f"{self._node}_{what}.npz"
-
-    def _write(self, what: int | str, arrays: Mapping[str, np.ndarray]) -> None:
-        path = self._path(what)
+    def _write(self, step: int, arrays: Mapping[str, np.ndarray]) -> None:
+        path = self._path(step)
         named = {**arrays, "name": np.array(path.stem)}
-        write_whole(
-            path, checkpoint_bytes.pack(self._run.digest, named), sync=what != EVENTS
-        )
+        data = checkpoint_bytes.pack(self._run.digest, named)
+        write_whole(path, data, sync=True)
 
-    def _read(self, what: int | str) -> dict[str, np.ndarray]:
-        path = self._path(what)
+    def _read(self, step: int) -> dict[str, np.ndarray]:
+        path = self._path(step)
         run = self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
         arrays = checkpoint_bytes.read(path, run.digest, said=said)

@@ -177,7 +177,5 @@ class WorldPresence:
         if self._other and silent >= SILENT_SECONDS:
             return f"no word from the world for {silent:.0f} s, and another one has begun a run"
         if 0 < self._patience <= silent:
-            return (
-                f"no word from the world for {silent:.0f} s (parameter world_timeout)"
-            )
+            return f"no word from the world for {silent:.0f} s"
         return ""

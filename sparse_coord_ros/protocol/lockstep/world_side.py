@@ -39,8 +39,7 @@ class WorldState(NamedTuple):
     Attributes:
         step: the time step under which the robots save their states.
         position: the game's position; if an episode ended at `step`, the beginning of the next.
-        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
-            `lost`.
+        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`.
         began: why the episode began.
         absent: robots that the world does not wait for.
         history: the episodes.
@@ -48,7 +47,7 @@ class WorldState(NamedTuple):
 
     step: int
     position: Position
-    counts: tuple[int, int, int, int, int, int]
+    counts: tuple[int, int, int, int, int]
     began: str
     absent: tuple[int, ...]
     history: History
@@ -69,7 +68,6 @@ class WorldSide:
             had not arrived.
         began: why the episode began, a `StartReason`.
         stale: actions that came too late, or twice.
-        lost: transitions that count in the budget, but are not in the history.
         absent: robots that missed a deadline and have not acted since: the world does not wait for
             them.
         history: gathers the episodes.
@@ -81,7 +79,7 @@ class WorldSide:
         self, run: RunConfig, port: WorldPort, game: Game | None = None
     ) -> None:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
-        self.timeouts = self.left_out = self.stale = self.lost = 0
+        self.timeouts = self.left_out = self.stale = 0
         self.began: str = StartReason.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
@@ -94,28 +92,6 @@ class WorldSide:
         self._robots = range(len(run.scenario.robots))
         self._begin_step()
         self._beginning = self.snapshot()
-
-    def begin_at(self, step: int, transitions: int) -> None:
-        """After `go_on_from`, skip the steps since then; then call `start`.
-
-        Args:
-            step: the time step at which a new episode begins; if it is not after the current one,
-                no step is skipped.
-            transitions: number of transitions until then.
-        """
-        world = self.world
-        assert isinstance(world, ResumableGame)
-        if step <= world.step:
-            return
-        lost = max(0, transitions - world.transitions)
-        episode = world.episode
-        done = world.transitions + lost
-        anew = world.position()._replace(step=step, under_way=False, episode_start=step)
-        world.go_on_from(anew._replace(transitions=done))
-        world.episode = episode + 1
-        self.began = StartReason.RESET
-        self._begins = True
-        self.lost += lost
 
     @property
     def finished(self) -> bool:
@@ -160,7 +136,7 @@ class WorldSide:
         world = self.world
         if not isinstance(world, ResumableGame):
             return None
-        own = (self.timeouts, self.left_out, self.stale, self.lost)
+        own = (self.timeouts, self.left_out, self.stale)
         counts = (world.episode, world.miscoordinations, *own)
         step = world.step if step is None else step
         absent = tuple(sorted(self.absent))
@@ -176,7 +152,7 @@ class WorldSide:
         self.began = state.began
         self.absent = set(state.absent)
         world.episode, world.miscoordinations, *own = state.counts
-        self.timeouts, self.left_out, self.stale, self.lost = own
+        self.timeouts, self.left_out, self.stale = own
         under_way = state.position.under_way
         robots = len(self._robots)
         self.history = HistoryRecorder(

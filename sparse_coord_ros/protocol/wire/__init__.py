@@ -180,8 +180,8 @@ ACTION = Topic(
 )
 PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
 COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=True)
-PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
-"""A robot's report on its checkpoints, and the recorder's on the orders that it has received."""
+PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED, recorded=False)
+"""A report of a robot or the recorder on its checkpoints, and on the attempt that it has begun."""
 
 TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False)
 """A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
@@ -294,6 +294,6 @@ class StartReason(StrEnum):
 class Occasion(StrEnum):
     """The occasion on which a robot publishes its tables."""
 
-    INITIAL = "initial"
+    BEGIN = "begin"
     CHECKPOINT = "checkpoint"
     FINAL = "final"

@@ -1,35 +1,29 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The world's messages `status` on the run, and the robots' `_progress` on their checkpoints.
+"""The world's messages `status` on the run, and the nodes' `_progress` on their checkpoints.
 
 The fields' names are the labels of the messages' values, with noted exceptions.
 """
 
 from typing import Any, NamedTuple
 
-NO_ORDER = ""
-"""In place of the name of an order: there is no order."""
-
-NO_ROLLBACK = -1
-"""In place of a checkpoint's step: robots publish their progress, and keep their states."""
-
-FURTHEST_STEP = 2**25
-"""Upper limit of time steps: a run has 10^7 transitions at most, and two steps between
-episodes."""
+NO_ATTEMPT = ""
+"""In place of the name of an attempt: there is none yet."""
 
 
 class Order(NamedTuple):
-    """The world's order to go back.
+    """The world's order to all nodes: begin at a checkpoint.
+
+    The part of a run between two orders is an attempt. What later attempts do again replaces what
+    earlier ones did.
 
     Attributes:
-        name: a new one for each order; `NO_ORDER`: there is no order.
-        step: the checkpoint to go back to, or `NO_ROLLBACK`.
-        first: the time step of the first local state after it.
+        attempt: a new name for each order; `NO_ATTEMPT`: the run has not begun.
+        checkpoint: the time step of the checkpoint; 0: the run's beginning.
     """
 
-    name: str = NO_ORDER
-    step: int = 0
-    first: int = 0
+    attempt: str = NO_ATTEMPT
+    checkpoint: int = 0
 
 
 class RunStatus(NamedTuple):
@@ -43,7 +37,8 @@ class RunStatus(NamedTuple):
         left_out: number of (robot, step) pairs: transitions without the robot's action although it
             had not arrived.
         began: why the episode began, a `StartReason`.
-        order: the current order to go back to a checkpoint: the value `rollback`.
+        order: the last order; its fields are values of the message.
+        oldest: the oldest checkpoint to which the team may go back; nodes remove older ones.
     """
 
     run: str
@@ -53,13 +48,17 @@ class RunStatus(NamedTuple):
     left_out: int = 0
     began: str = ""
     order: Order = Order()
+    oldest: int = 0
 
     def values(self) -> dict[str, object]:
         """Return the values of its message."""
-        order = " ".join(map(str, self.order)) if self.order.name else ""
-        values = {**self._asdict(), "rollback": order}
+        values = {**self._asdict(), **self.order._asdict()}
         del values["state"], values["order"]
         return values
+
+
+NUMBERS = ("step", "transitions", "left_out", "checkpoint", "oldest")
+"""The values of `status` that are numbers."""
 
 
 def values_of(message: Any, *needed: str) -> dict[str, str]:
@@ -77,68 +76,51 @@ def read_status(message: Any) -> RunStatus:
     Raises:
         ValueError: a value is missing, or not a number.
     """
-    values = values_of(message, "step", "transitions", "left_out", "began")
-    step, transitions, left_out = (int(values[name]) for name in RunStatus._fields[2:5])
-    if step < 0 or transitions < 0:
-        raise ValueError(f"says step {step} with {transitions} transitions")
-    name, *steps = values.get("rollback", "").split() or [NO_ORDER]
-    if len(steps) != (2 if name else 0):
-        raise ValueError(f"says rollback {values['rollback']!r}")
-    order = Order(name, *map(int, steps))
-    began = values["began"]
-    run = values.get("run", "")
+    values = values_of(message, *NUMBERS, "began", "attempt")
+    numbers = {name: int(values[name]) for name in NUMBERS}
+    if min(numbers.values()) < 0:
+        raise ValueError(f"has a negative number: {numbers}")
     return RunStatus(
-        run, str(message.message), step, transitions, left_out, began, order
+        run=values.get("run", ""),
+        state=str(message.message),
+        step=numbers["step"],
+        transitions=numbers["transitions"],
+        left_out=numbers["left_out"],
+        began=values["began"],
+        order=Order(values["attempt"], numbers["checkpoint"]),
+        oldest=numbers["oldest"],
     )
 
 
 class Progress(NamedTuple):
-    """A robot's report when it joins, has saved, or has obeyed.
+    """A node's report: when it joins a team, has saved, or has begun as the world ordered.
 
     Attributes:
-        life: the identity of the process; a new one means that the robot was replaced.
-        step: the time step that it has processed.
-        transitions: number of transitions that it has seen.
-        checkpoints: steps of its checkpoints, 0 (the run's beginning) included; empty if it keeps
-            none.
-        obeyed: the newest order that it has obeyed.
-        resumed: it was started to continue where its predecessor was, not to begin anew.
+        checkpoints: the time steps at which it can begin, 0 (the run's beginning) among them;
+            empty: at any, as it learns nothing.
+        attempt: the attempt that it has begun; `NO_ATTEMPT`: a new process, which waits for an
+            order.
     """
 
-    life: str
-    step: int
-    transitions: int
     checkpoints: tuple[int, ...] = ()
-    obeyed: str = NO_ORDER
-    resumed: bool = False
+    attempt: str = NO_ATTEMPT
 
     def values(self) -> dict[str, object]:
         """Return the values of its message."""
-        checkpoints = " ".join(map(str, self.checkpoints))
         return {
-            **self._asdict(),
-            "resumed": int(self.resumed),
-            "checkpoints": checkpoints,
+            "checkpoints": " ".join(map(str, self.checkpoints)),
+            "attempt": self.attempt,
         }
 
 
 def read_progress(message: Any) -> Progress:
-    """Return the progress of a robot in its message.
+    """Return the progress of a node in its message.
 
     Raises:
         ValueError: it is malformed.
     """
     values = values_of(message, *Progress._fields)
-    step = int(values["step"])
-    transitions = int(values["transitions"])
     checkpoints = tuple(int(text) for text in values["checkpoints"].split())
-    if not all(
-        0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)
-    ):
-        raise ValueError(
-            f"says step {step} with {transitions} transitions, more than a run can have"
-        )
-    resumed = values["resumed"] == "1"
-    return Progress(
-        values["life"], step, transitions, checkpoints, values["obeyed"], resumed
-    )
+    if any(step < 0 for step in checkpoints):
+        raise ValueError(f"says checkpoints {values['checkpoints']!r}")
+    return Progress(checkpoints, values["attempt"])

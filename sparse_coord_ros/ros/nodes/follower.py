@@ -13,7 +13,7 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
     Reminder,
     WorldPresence,
 )
-from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
+from sparse_coord_ros.protocol.wire.status import Order, RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
@@ -33,15 +33,17 @@ class Follower(ParameterNode):
 
     In this order: `may_begin` until it is true, `begin` once, then with every tick `go_on`, every
     second `report`, with every status of the run's world `world_said`. After the run's end the
-    node is `done` as soon as `all_done` returns True. A world that is silent for the time of the
-    parameter `world_timeout` is lost: `lost` ends the node.
+    node is `done` as soon as `all_done` returns True. A world without a message for
+    `world_timeout` is lost: `lost` ends the node.
 
     Args:
         name: the node's name unless the command line remaps it.
-        table: its parameters; without `world_timeout` the node waits for the world for ever.
+        table: its parameters.
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
+        startup_timeout: the seconds that it waits for a run.
+        world_timeout: the seconds without a message of the world until it is lost; 0: it never is.
         part: the object whose `go_on`, `report`, `world_said` and `all_done` are called: this
             node, or an object that `begin` sets.
         run: the run, once it is announced.
@@ -53,6 +55,8 @@ class Follower(ParameterNode):
     """
 
     tick_seconds = TICK_SECONDS
+    startup_timeout = 60.0
+    world_timeout = 60.0
 
     def __init__(
         self, name: str, table: SettingTable, **place: Unpack[NodePlace]
@@ -74,6 +78,17 @@ class Follower(ParameterNode):
         """Refuse an impossible output directory before a run is announced."""
         check_place(self.values.get("out", ""))
 
+    @property
+    def knows_the_world(self) -> bool:
+        """True if the world of the announced run has said how it stands."""
+        run = self.run
+        return run is not None and self.status is not None and self.status.run == run.id
+
+    @property
+    def found(self) -> Order:
+        """The world's order so far; it is for those who were there before."""
+        return Order() if self.status is None else self.status.order
+
     def may_begin(self, now: float) -> bool:
         """Return whether the node is ready for a run; called with every tick until it begins."""
         return True
@@ -86,17 +101,17 @@ class Follower(ParameterNode):
                 `startup_timeout`.
         """
         topic = self.resolve_topic_name(ros_topics.RUN.name)
-        limit = self.values["startup_timeout"]
+        limit = self.startup_timeout
         which = "another" if self._refused else "a"
         self.remind(self.reminder, f"{which} world simulator on {topic}", START_A_WORLD)
-        if 0 < limit < time.monotonic() - self.born:
+        if limit < time.monotonic() - self.born:
             if self._refused:
                 raise RunError(
-                    f"startup_timeout: node {self.get_name()} cannot follow the run on {topic}: "
+                    f"node {self.get_name()} cannot follow the run on {topic}: "
                     f"{self._refused}"
                 )
             raise RunError(
-                f"startup_timeout: node {self.get_name()} found no world simulator on {topic} "
+                f"node {self.get_name()} found no world simulator on {topic} "
                 f"within {limit:g} s; {START_A_WORLD}"
             )
 
@@ -207,8 +222,7 @@ class Follower(ParameterNode):
 
     def _begin(self, run: RunConfig, now: float) -> None:
         self.reminder.over()
-        patience = self.values.get("world_timeout", 0.0)
-        self.presence = WorldPresence(run.id, patience, now)
+        self.presence = WorldPresence(run.id, self.world_timeout, now)
         self.begin(run)
         if self.status is not None:
             self._on_status(self.status)

@@ -168,30 +168,34 @@ def _whole(said: Mapping[str, float], label: str, low: int, high: int) -> int:
     return int(value)
 
 
-def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
+def tables_message(
+    data: bytes, step: int, occasion: str, attempt: str
+) -> UInt8MultiArray:
     """Return tables, the bytes of an .npz file, as a message.
 
     Args:
         data: the bytes.
         step: the tables contain all learning before this time step.
         occasion: one of `wire.Occasion`.
+        attempt: the attempt of the run (`Order.attempt`).
     """
     message = UInt8MultiArray(data=packed("B", data))
     npz = MultiArrayDimension(label="npz", size=len(data), stride=len(data))
-    message.layout.dim = [npz, MultiArrayDimension(label=occasion, size=step, stride=1)]
+    when = MultiArrayDimension(label=occasion, size=step, stride=1)
+    message.layout.dim = [npz, when, MultiArrayDimension(label=attempt)]
     return message
 
 
-def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str]:
-    """Return (data, step, occasion) of a message of `tables_message`.
+def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str, str]:
+    """Return (data, step, occasion, attempt) of a message of `tables_message`.
 
     Raises:
         ValueError: the message has another layout.
     """
     labels = [dimension.label for dimension in message.layout.dim]
-    if len(labels) != 2 or labels[0] != "npz":
-        raise ValueError(f"has the dimensions {labels}, not 'npz' and an occasion")
-    return message.data.tobytes(), message.layout.dim[1].size, labels[1]
+    if len(labels) != 3 or labels[0] != "npz":
+        raise ValueError(f"has the dimensions {labels}, not npz, occasion and attempt")
+    return message.data.tobytes(), message.layout.dim[1].size, labels[1], labels[2]
 
 
 def status(

@@ -4,9 +4,7 @@
 
 import os
 import stat
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +34,6 @@ from sparse_coord_ros.protocol.lockstep.world_side import WorldState
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode, run_from_parameters
 
 SUMMARY_FILE = "summary.yaml"
-DROPPED = "messages_dropped"
 NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
 
 
@@ -163,15 +160,12 @@ class Output:
         self.node = node
         self._text = run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
-        self._counted: Counter[str] = Counter()
         self.store = CheckpointStore()
         if self._out is not None:
             self._open(self._out, () if node.values["resume"] else own)
             self.store = checkpoints = Checkpoints(self._out, name, run)
             node.at_end.callback(checkpoints.close)
             checkpoints.steps()
-            if node.values["resume"]:
-                node.subscriber.earlier = self.store.counted().get(DROPPED, 0)
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
         elif node.values["resume"]:
@@ -211,14 +205,6 @@ class Output:
                 f"checkpoint not saved: {os_error_text(error)}; the run continues, the earlier "
                 "checkpoints are kept: make room"
             )
-
-    def count(self, events: Mapping[str, int]) -> None:
-        """Save new counts of the run's faults and of dropped messages."""
-        now = +Counter({**events, DROPPED: self.node.subscriber.total})
-        if now != self._counted:
-            self._counted = now
-            with suppress(OSError):  # the next checkpoint reports it
-                self.store.count(now)
 
     def save(self, write: Callable[[Path], None]) -> Path | None:
         """Write files into the directory, or beside it if that fails.

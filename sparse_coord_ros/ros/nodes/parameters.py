@@ -40,7 +40,6 @@ from sparse_coord_ros.core.game.scenario import (
 from sparse_coord_ros.core.game.settings import (
     Setting,
     SettingTable,
-    parse_assignments,
     tables_from_yaml,
 )
 from sparse_coord_ros.core.runs.run_config import (
@@ -75,8 +74,6 @@ from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 RCLError = rclpy_implementation.RCLError
 
-ROLL_BACK = "rollback"
-"""The value of `returning` that rolls the team back; else a robot continues alone."""
 FROM_TF = "tf"
 """The `pose_type` for poses from transforms instead of pose messages."""
 
@@ -374,20 +371,12 @@ class ParameterNode(Node):
             for key, parameter in self.get_parameters_by_prefix("").items()
             if key not in ROS_PARAMETERS and not key.startswith(ROS_PARAMETERS_PREFIX)
         }
-        takes = {**self._table, **(SETTINGS if "set" in self._table else {})}
+        takes = {**self._table, **(SETTINGS if "scenario" in self._table else {})}
         others = set(ALL_NAMES) - set(takes)
         given = {name: value for name, value in overrides.items() if name not in others}
         parsed = self.parse(SettingTable(takes.values()), given)
-        values = {
-            **self._table.defaults(),
-            **{n: parsed[n] for n in parsed if n in self._table},
-        }
+        values = {**self._table.defaults(), **parsed}
         allow_modules(values.get("allow", ()))
-        settings = [
-            f"{name}={parsed[name]}" for name in parsed if name not in self._table
-        ]
-        if settings:
-            values["set"] = [*values["set"], *settings]
         for name in overrides:
             self.undeclare_parameter(name)
         for name, setting in self._table.items():
@@ -416,8 +405,7 @@ class ParameterNode(Node):
     def show_settings(self, scenario: Scenario) -> None:
         """Declare the settings of a scenario as parameters, for display."""
         for name, setting in SETTINGS.items():
-            value = getattr(scenario, name)
-            shown = value if isinstance(value, bool | int | float) else str(value)
+            shown = _as_parameter(getattr(scenario, name))
             descriptor = _descriptor(setting, read_only=True)
             self.declare_parameter(name, shown, descriptor, ignore_override=True)
 
@@ -429,8 +417,32 @@ def _plain(parameter: Parameter) -> Any:
 
 
 def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a node's own parameters."""
-    return {name: values[name] for name in PARAMETERS[node]}
+    """Return the values of a node's own parameters; of the world, also the scenario's."""
+    own = {name: values[name] for name in PARAMETERS[node]}
+    return {**own, **_settings_in(values)} if node == WORLD else own
+
+
+def team_values(values: Mapping[str, object]) -> dict[str, Any]:
+    """Return the values of all `TEAM_PARAMETERS`, and the given settings of the scenario.
+
+    Args:
+        values: some of both, as texts or typed.
+
+    Raises:
+        SettingError: an unknown name or a bad value.
+    """
+    known = SettingTable([*TEAM_PARAMETERS.values(), *SETTINGS.values()])
+    return {**TEAM_PARAMETERS.defaults(), **known.parse(values)}
+
+
+def _settings_in(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of the scenario among some parameters, as ROS takes them."""
+    return {name: _as_parameter(values[name]) for name in SETTINGS if name in values}
+
+
+def _as_parameter(value: object) -> bool | int | float | str:
+    """Return a setting's value as ROS takes it."""
+    return value if isinstance(value, bool | int | float) else str(value)
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
@@ -455,8 +467,7 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
             "parameter scenario: none is given; start the node with --ros-args -p "
             f"scenario:=NAME, NAME a scenario file or one of: {', '.join(scenario_names())}"
         )
-    assignments = parse_assignments(text for text in values["set"] if text)
-    scenario = load_scenario(values["scenario"]).with_settings(assignments)
+    scenario = load_scenario(values["scenario"]).with_settings(_settings_in(values))
     allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
     if not run.rule.runs_live:

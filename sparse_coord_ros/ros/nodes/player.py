@@ -44,6 +44,7 @@ class Player(ParameterNode):
             recorded names in any namespace.
 
     Attributes:
+        delay: the seconds that it waits for subscribers before playing begins.
         played: the topics that it publishes.
         begun: whether it has reached the place where playing begins.
         done: whether the bag is at its end, or the user quits.
@@ -53,6 +54,7 @@ class Player(ParameterNode):
     """
 
     changeable = ("rate", "position")
+    delay = 0.5
 
     def __init__(self, *, keyboard: bool = False, **place: Unpack[NodePlace]) -> None:
         self.begun = False
@@ -60,7 +62,7 @@ class Player(ParameterNode):
         self.offer(services.PAUSE, self._pause)
         self.offer(services.STEP, self._step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))
-        self._timer = self.create_timer(self.values["delay"], self._tick)
+        self._timer = self.create_timer(self.delay, self._tick)
         keys = Keyboard()
         if keyboard and keys.there:
             # restores the terminal in any case
@@ -75,8 +77,7 @@ class Player(ParameterNode):
             raise SettingError(
                 "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
             )
-        patterns = [text for text in values["topics"] if text]
-        played = self.played = PlayedTopics(self, Path(values["bag"]), patterns)
+        played = self.played = PlayedTopics(self, Path(values["bag"]))
         playlist = Playlist(played.bag, played.publishers, played.kept)
         self._start_ns = played.bag.start_ns
         self._seconds = (playlist.end_ns - self._start_ns) / SECOND

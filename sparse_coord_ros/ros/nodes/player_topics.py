@@ -3,7 +3,6 @@
 """The topics of a bag that are played, and their publishers: recorded names, types and QoS."""
 
 from collections.abc import Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from rclpy.exceptions import InvalidTopicNameException
@@ -11,7 +10,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.base.errors import BagError, SettingError, message_of
+from sparse_coord_ros.base.errors import BagError, message_of
 from sparse_coord_ros.log.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
 from sparse_coord_ros.log.bags.schemas import ros_name
 from sparse_coord_ros.log.bags.topics import latched
@@ -32,7 +31,6 @@ class PlayedTopics:
     Args:
         node: the node that publishes.
         path: the bag.
-        patterns: as in `chosen_topics`.
 
     Attributes:
         bag: the bag.
@@ -41,12 +39,12 @@ class PlayedTopics:
         clock: its publisher; None if the bag's own clock is played.
 
     Raises:
-        SparseCoordError: no bag, a pattern that fits no topic, or no topic that can be played.
+        SparseCoordError: no bag, or no topic that can be played.
     """
 
-    def __init__(self, node: Node, path: Path, patterns: Sequence[str]) -> None:
+    def __init__(self, node: Node, path: Path) -> None:
         bag = self.bag = open_bag(path)
-        names = chosen_topics(bag, patterns)
+        names = chosen_topics(bag)
         warn = node.get_logger().warning
         early = bag.ends_early(f"message {bag.message_count}")
         if early is not None:
@@ -102,30 +100,9 @@ class PlayedTopics:
             self.clock.publish(CLOCK_FORM.layout.pack(min(seconds, 2**31 - 1), nanosec))
 
 
-def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
-    """Return the topics to play, the clock always among them.
-
-    Args:
-        bag: the bag.
-        patterns: names, or patterns such as `/robot_1/*`. `ROS_OWN` would disturb live nodes, and
-            is played only where it is named.
-
-    Raises:
-        SettingError: a pattern fits no topic.
-    """
-    chosen = set() if bag.clock is None else {bag.clock}
-    for pattern in patterns or ["*"]:
-        full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
-        fitting = {name for name in bag.topics if fnmatchcase(name, full)}
-        fitting -= set(ROS_OWN)
-        fitting |= {full} & set(bag.topics)
-        if patterns and not fitting:
-            raise SettingError(
-                f"parameter topics: {pattern!r} fits no topic of {bag.path}, which has: "
-                f"{', '.join(sorted(bag.topics))}"
-            )
-        chosen |= fitting
-    return sorted(chosen)
+def chosen_topics(bag: Bag) -> list[str]:
+    """Return the topics to play: all but `ROS_OWN`, which would disturb live nodes."""
+    return sorted(set(bag.topics) - set(ROS_OWN))
 
 
 def class_of(topic: BagTopic) -> type:

@@ -3,13 +3,14 @@
 """The recorder node: every topic of the team and the service events, as CDR, into a bag."""
 
 import contextlib
+import math
 import shutil
 import struct
 import time
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message, serialize_message
@@ -25,17 +26,17 @@ from sparse_coord_ros.core.runs.run_config import (
 )
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
-from sparse_coord_ros.log.bags.reader import continued
+from sparse_coord_ros.log.bags.reader import Bag, continued
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import STAMPED
 from sparse_coord_ros.protocol.wire.status import (
-    NO_ORDER,
-    NO_ROLLBACK,
+    NO_ATTEMPT,
     Order,
     Progress,
     RunStatus,
+    read_progress,
 )
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
@@ -53,6 +54,16 @@ KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
 """How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
+
+
+class RobotTables(NamedTuple):
+    """A robot's tables, as `read_tables_message` gives them."""
+
+    robot: str
+    packed: bytes
+    step: int
+    occasion: str
+    attempt: str
 
 
 class Recording:
@@ -73,7 +84,7 @@ class Recording:
         now_ns: the newest stamp seen.
         said_ns: the newest time in the world's status.
         heard: the time of the last message, by `time.monotonic`.
-        obeyed: name of the last order to go back.
+        attempt: the attempt whose segment of the bag is open.
         final: the robots whose last tables have come.
     """
 
@@ -86,20 +97,51 @@ class Recording:
         self.run = run
         self.bag = bag
         self._report = node.reporter("bag")
-        self._progress = node.announce(ros_topics.PROGRESS, RECORDER)
         self.convert = Converter(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
-        self.obeyed = NO_ORDER
+        self.attempt = NO_ATTEMPT
         self.final: set[str] = set()
         self._near_ns = LAG_STEPS * self.convert.period
         self._count = self._steps = 0
-        self._untold = False
-        self._tables: dict[str, tuple[int, bytes]] = {}
+        self._order = Order()
+        self._said = wire.RunState.WAITING.value
+        self._begun: dict[str, str] = {}  # the attempts that the robots have begun
+        # Messages count: the segment has begun, and no new order has come.
+        self._open = False
+        self._late = False  # a message of the attempt before has come
+        self._quiet_since = -math.inf
+        self._state_ns: dict[str, int] = {}  # of each robot's newest local state
+        self._tables: list[RobotTables] = []  # they wait
+        # The robots whose tables are in the segment, by the tables' time step.
+        self._attached: dict[int, set[str]] = {}
 
-    def begin(self) -> None:
-        """Record the run's configuration, unless the bag continues one that has it."""
+    # Segments.
+
+    def _ready(self, now: float) -> bool:
+        """Return whether the ordered attempt's segment may begin: nothing older comes any more.
+
+        All robots have begun the attempt, and no messages are under way; or the world has gone on
+        without some of them.
+        """
+        if self._said not in (wire.RunState.WAITING, wire.RunState.RESUMING):
+            return True
+        if self._late:
+            self._late = False
+            self._quiet_since = now
+        attempt = self._order.attempt
+        begun = [self._begun.get(name) == attempt for name in self.run.scenario.names]
+        quiet = now - self._quiet_since >= QUIET_SECONDS
+        return all(begun) and quiet and self._finds_robots()
+
+    def _begin(self) -> None:
+        """Begin a segment: the run and its files, then the robots' tables."""
         bag = self.bag
+        if self.attempt != NO_ATTEMPT:
+            bag.begin_file(further(self._order))
+        self.attempt = self._order.attempt
+        step = self._order.checkpoint
+        self.now_ns = self.said_ns = step * self.convert.period
         run_text = self.run.to_yaml()
         record = {**self.run.record(), wire.FORMAT_KEY: str(FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
@@ -107,7 +149,67 @@ class Recording:
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
             bag.attach(name, text.encode(), kind)
         channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
-        bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
+        message = serialize_message(String(data=run_text))
+        bag.write(channel, message, self.now_ns, self.now_ns)
+        self._open = True
+        self._state_ns.clear()
+        self._attached.clear()
+        before = [one for one in self._node.checkpoints if one < step]
+        self._node.checkpoints = [*before, step]
+        self._tables = [one for one in self._tables if one.attempt == self.attempt]
+        self._attach_tables()
+        self.flush()
+        self._node.say_progress(self.attempt)
+
+    def hear_tables(self, robot: str, said: tuple[bytes, int, str, str]) -> None:
+        """Keep a robot's tables until they are due."""
+        self.heard = time.monotonic()
+        self._tables.append(RobotTables(robot, *said))
+        if said[2] == wire.Occasion.FINAL:
+            self.final.add(robot)
+
+    def _attach_tables(self, *, ending: bool = False) -> None:
+        """Attach the tables that are due: the bag then holds everything before their time step.
+
+        With the tables of all robots a time step is a checkpoint of this recorder.
+
+        Args:
+            ending: no further messages come.
+        """
+        if not self._tables or not self._open:
+            return
+        names = self.run.scenario.names
+        heard_ns = min(self._state_ns.get(name, 0) for name in names)
+        due: list[RobotTables] = []
+        waiting: list[RobotTables] = []
+        for one in self._tables:
+            complete = one.step * self.convert.period <= heard_ns
+            begins = one.occasion == wire.Occasion.BEGIN
+            # those of another attempt belong to an order that has not come yet
+            there = one.attempt == self.attempt and (complete or begins or ending)
+            (due if there else waiting).append(one)
+        self._tables = waiting
+        if due:
+            self.flush()
+        for one in due:
+            self._attach(one)
+
+    def end(self) -> None:
+        """Attach the last tables; no further messages come."""
+        self._attach_tables(ending=True)
+
+    def _attach(self, one: RobotTables) -> None:
+        """Attach a robot's tables, each only once."""
+        robots = self._attached.setdefault(one.step, set())
+        if one.robot in robots:
+            return
+        robots.add(one.robot)
+        name = wire.tables_attachment(one.robot, one.step)
+        self.bag.attach(name, one.packed, "application/x-npz", self.now_ns)
+        of_all = robots == self._attached.get(self._order.checkpoint)
+        if of_all and one.step > self._node.checkpoints[-1]:
+            self._node.checkpoints.append(one.step)
+            self._node.say_progress(self.attempt)
 
     def _later(self, at: int, name: str) -> int:
         """Advance to a message's time and return it; outside the run's time, the newest stamp."""
@@ -119,31 +221,9 @@ class Recording:
             return now
         self.now_ns = at
         self._steps += 1
-        if self._steps >= self._node.values["flush_steps"]:
+        if self._steps >= self._node.flush_steps:
             self.flush()
         return at
-
-    def attach_tables(self, robot: str, said: tuple[bytes, int, str]) -> None:
-        """Attach a robot's tables to the bag, each only once."""
-        packed, step, occasion = said
-        self.heard = time.monotonic()
-        if self._tables.get(robot) != (step, packed):
-            self._tables[robot] = (step, packed)
-            name = wire.tables_attachment(robot, step)
-            self.bag.attach(name, packed, "application/x-npz", self.now_ns)
-            self.flush()  # the robot saves now, and may resume from there
-        if occasion == wire.Occasion.FINAL:
-            self.final.add(robot)
-
-    def go_back(self, order: Order) -> None:
-        """Begin another file of the bag when the run goes back."""
-        if order.name == self.obeyed:
-            return
-        self.obeyed = order.name
-        if order.step != NO_ROLLBACK:
-            self.bag.begin_file(segment_of(order))
-            self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
-            self._tables.clear()
 
     def flush(self) -> None:
         """Write all recorded messages out, so that they survive this process."""
@@ -173,12 +253,19 @@ class Recording:
         for robot in self.run.scenario.robots:
             for topic in of_robot:
                 self._record(topic, robot.name)
-            attach = partial(self.attach_tables, robot.name)
+            attach = partial(self.hear_tables, robot.name)
             tables = ros_topics.TABLES
             qos = ros_topics.recorder_qos(ros_topics.TABLES)
             node.subscriber.listen(
                 tables, attach, robot.name, read=read_tables_message, qos=qos
             )
+            begun = partial(self._on_progress, robot.name)
+            node.subscriber.listen(
+                ros_topics.PROGRESS, begun, robot.name, read=read_progress
+            )
+
+    def _on_progress(self, robot: str, said: Progress) -> None:
+        self._begun[robot] = said.attempt
 
     def _channel(self, topic: ros_topics.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
@@ -193,9 +280,15 @@ class Recording:
         channel = self._channel(topic, name)
         write_down = self.bag.write
         unpack_stamp = STAMPED.unpack_from
+        each_step = topic.delivery == wire.Delivery.STEP
+        is_state = topic is ros_topics.LOCAL_STATE
+        state_ns = self._state_ns
 
         def stamped(data: bytes) -> None:
             self._count += 1
+            if not self._open:
+                self._late = self._late or each_step
+                return
             try:
                 sec, nanosec = unpack_stamp(data)
             except struct.error as error:
@@ -204,11 +297,14 @@ class Recording:
             at = sec * SECOND + nanosec
             if not 0 <= at <= self.now_ns:
                 at = self._later(at, name)
+            if is_state:
+                state_ns[owner] = at
             write_down(channel, data, at, at)
 
         def other(data: bytes) -> None:
             self._count += 1
-            write_down(channel, data, self.now_ns, self.now_ns)
+            if self._open:
+                write_down(channel, data, self.now_ns, self.now_ns)
 
         write = stamped if topic.stamped else other
         if node.direct is not None and topic.packed:
@@ -233,24 +329,26 @@ class Recording:
     # The methods of a follower of a run.
 
     def world_said(self, said: RunStatus) -> None:
-        """Go back if the world orders it; note the world's time."""
-        if said.order.name:
-            self.go_back(said.order)
-            self._untold = True
+        """Note the world's order, its state and its time."""
+        self._said = said.state
+        if said.order != self._order:
+            self._order = said.order
+            self._open = False
+            if self.attempt != NO_ATTEMPT:
+                self._quiet_since = time.monotonic()
         sec, nanosec = self.convert.stamp(said.step)
         self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
-        """Tell the world when all nodes are connected; note new messages, flush waiting ones."""
-        if self._untold and self._finds_robots():
-            self._untold = False
-            progress = Progress("", 0, 0, (), self.obeyed).values()
-            self._progress.publish(status(RECORDER, "progress", progress))
+        """Begin a segment where it is due; note new messages, flush waiting ones."""
+        if self._order.attempt != self.attempt and self._ready(now):
+            self._begin()
+        self._attach_tables()
         if self._count:
             self._count = 0
             self.heard = now
         waited = now - self._flushed
-        if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
+        if self.heard > self._flushed and waited >= self._node.flush_seconds:
             self.flush()
 
     def _finds_robots(self) -> bool:
@@ -297,30 +395,54 @@ class Recording:
             self._report("recording", values)
 
 
-def segment_of(order: Order) -> dict[str, str]:
-    """Return the metadata of a bag file that begins with an order, or without one."""
-    if not order.name or order.step == NO_ROLLBACK:
-        return {}
-    return {"step": str(order.step)}
+def further(order: Order) -> dict[str, str]:
+    """Return what a further file of a bag says of the order with which it begins."""
+    return {"step": str(order.checkpoint)}
+
+
+def checkpoints_in(bag: Bag) -> list[int]:
+    """Return the time steps before which a bag holds everything.
+
+    These are the steps with attached tables of all robots that have any, in the bag's segments.
+    """
+    robots: dict[int, set[str]] = {}
+    for attachment in bag.attachments:
+        if not attachment.name.startswith(wire.TABLES_FOLDER):
+            continue
+        name = attachment.name.removeprefix(wire.TABLES_FOLDER).removesuffix(".npz")
+        robot, _, text = name.rpartition("_")
+        step = int(text)
+        # a segment replaces all later steps of the segments before
+        robots = {one: names for one, names in robots.items() if one <= step}
+        robots.setdefault(step, set()).add(robot)
+    everyone = set().union(*robots.values())
+    return [step for step, names in robots.items() if names == everyone]
 
 
 class Recorder(Follower):
     """Records every topic of the team and the service events, unchanged.
+
+    A killed recorder loses what it heard since it last flushed.
 
     Args:
         place: where the node is made, and with what: see `NodePlace`. With `direct` another
             process writes the bag, and an error of the recording does not stop the other nodes.
 
     Attributes:
+        flush_seconds, flush_steps: it flushes after so many seconds, and so many time steps.
         directory: the bag's directory.
         recording: its part in the run; None before the run has begun.
+        checkpoints: the time steps before which the bag holds everything.
         error: the error that ended the recording too early, or None.
 
     Raises:
         SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
     """
 
+    flush_seconds = 1.0
+    flush_steps = 1000
     recording: Recording | None = None
+    _earlier: Bag | None = None
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__(RECORDER, PARAMETERS[RECORDER], **place)
@@ -331,6 +453,7 @@ class Recorder(Follower):
             what = f"output directory {self.directory}: exists already, nothing is overwritten"
             raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
+        self.checkpoints: list[int] = []
         self._recording_publisher = self.announce(ros_topics.RECORDING)
         topic = self.resolve_topic_name(ros_topics.RUN.name)
         where = self.directory.absolute()
@@ -350,48 +473,59 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
+            self.say_progress(self.found.attempt)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
-        """If a bag is continued, wait until the world has named the step to continue from."""
-        said = self.status
-        going_back = said is None or (
-            said.state == wire.RunState.RESUMING and not said.order.name
-        )
-        waits = bool(self.values["resume"]) and going_back
-        if waits and self.run is not None:
-            self.remind(self.reminder, "the world to announce where the run continues")
-        return not waits
+        """Return whether the world has said how it stands."""
+        return self.knows_the_world
 
     def begin(self, run: RunConfig) -> None:
-        """Open the bag, and subscribe to the topics of the run's team."""
-        earlier = continued(self.directory) if self.values["resume"] else None
-        before = {} if earlier is None else earlier.metadata.get(RUN_RECORD, {})
-        if before.get("id", run.id) != run.id:
-            remedy = "choose another one for parameter 'out'"
-            raise RunError(
-                f"{self.directory}: holds the recording of another run; {remedy}"
-            )
-        order = Order() if self.status is None else self.status.order
-        segment = segment_of(order)
+        """Read the bag so far, if it is continued, and report to the world.
+
+        A recorder that the world awaits begins with the answer, the next order; any other one
+        with the order that stands.
+        """
+        self._progress = self.announce(ros_topics.PROGRESS, RECORDER)
+        self._known = self.found.attempt if run.recorded else NO_ATTEMPT
+        if self.values["resume"]:
+            self._earlier = continued(self.directory)
+        if self._earlier is not None:
+            if self._earlier.metadata.get(RUN_RECORD, {}).get("id") != run.id:
+                remedy = "choose another one for parameter 'out'"
+                raise RunError(
+                    f"{self.directory}: holds the recording of another run; {remedy}"
+                )
+            self.checkpoints = checkpoints_in(self._earlier)
+        self.say_progress(NO_ATTEMPT)
+
+    def go_on(self, now: float) -> None:
+        """Say that the recorder waits for the world's order."""
+        self.remind(self.reminder, "the world to say where the run begins")
+
+    def say_progress(self, attempt: str) -> None:
+        """Tell the world the steps before which the bag holds everything, and the attempt."""
+        said = Progress(tuple(self.checkpoints), attempt)
+        self._progress.publish(status(RECORDER, "progress", said.values()))
+
+    def world_said(self, said: RunStatus) -> None:
+        """Open the bag with the world's order to begin."""
+        if said.order.attempt in (NO_ATTEMPT, self._known):
+            return
+        assert self.run is not None
         bag = (BagWriter if self.direct is None else BagProcess)(
-            self.directory, earlier=earlier, says=segment
+            self.directory, earlier=self._earlier, says=further(said.order)
         )
         # a broken one stays unfinished
         self.at_end.enter_context(contextlib.suppress(BagError))
         self.at_end.callback(bag.close)
-        self.part = self.recording = recording = Recording(self, run, bag)
-        if earlier is None:
-            recording.begin()
-        else:
-            first_ns = (order.first - 1) * recording.convert.period
-            recording.now_ns = first_ns if segment else earlier.end_ns
-            recording.obeyed = order.name
-        recording.listen()
-        bag.flush()
+        self.reminder.over()
+        self.part = self.recording = Recording(self, self.run, bag)
+        self.recording.listen()
+        self.recording.world_said(said)
         self._recording_publisher.publish(String(data=str(self.directory)))
-        again = "" if earlier is None else ", in a further file of this bag"
-        self.get_logger().info(f"records {run.scenario.name} from now on{again}")
+        again = "" if self._earlier is None else ", in a further file of this bag"
+        self.get_logger().info(f"records {self.run.scenario.name} from now on{again}")
 
     def may_stop(self) -> bool:
         """As `Follower`'s, but with a time limit if other nodes continue to publish."""
@@ -406,6 +540,7 @@ class Recorder(Follower):
             return
         bag = self.recording.bag
         try:
+            self.recording.end()
             bag.close()
         except BagError as error:
             if self.direct is None:

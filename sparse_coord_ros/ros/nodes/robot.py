@@ -5,28 +5,22 @@
 `Member` is the robot's part in a run, and exists once the run is known.
 """
 
-import uuid
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import (
-    NameTakenError,
-    TablesError,
-    in_short,
-    os_error_text,
-)
+from sparse_coord_ros.base.errors import NameTakenError, TablesError, os_error_text
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide
-from sparse_coord_ros.protocol.lockstep.rollback import RobotRollback
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
-from sparse_coord_ros.protocol.wire.status import NO_ROLLBACK, RunStatus
+from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import (
@@ -88,22 +82,9 @@ class Member:
         self._progress = node.announce(ros_topics.PROGRESS, self._name)
         self._report = node.reporter("agent")
         self.lockstep = RobotSide(run, self._fresh_agent(), self)
-        resumed = node.values["resume"]
-        # A resumed robot publishes what it knows when it knows from which step it goes on.
-        self._unsaid = resumed
-        self._back = RobotRollback(
-            self.lockstep,
-            self.output.store,
-            self._fresh_agent,
-            uuid.uuid4().hex,
-            resumed,
+        self._attempts = RobotAttempts(
+            self.lockstep, self.output.store, self._fresh_agent, node.found.attempt
         )
-        if resumed:
-            step = self._back.begin()
-            what = "has no checkpoint and begins anew"
-            if step:
-                what = f"continues from its checkpoint of step {step}"
-            node.get_logger().info(f"{self._name} {what}")
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
@@ -116,38 +97,44 @@ class Member:
         run = self.run
         number = self._number
         learning = not self.run.greedy
-        source = self._node.values["tables"]
-        if run.greedy and not source:
+        if run.greedy and not run.tables:
             raise TablesError(
-                f"robot {self._name}: the run is greedy but parameter 'tables' names no learned "
-                "tables; give the output directory of a run"
+                "the run is greedy but parameter 'tables' names no learned tables; give the "
+                "output directory of a run"
             )
-        memory = begin_with(Path(source), run, number) if source else None
+        memory = begin_with(Path(run.tables), run, number) if run.tables else None
         return Agent(
             run.rule, run.scenario, number, run.seed, memory=memory, learning=learning
         )
 
-    # Going back to a checkpoint.
+    # Beginning at a checkpoint.
 
     def _say_progress(self) -> None:
-        """Tell the world the robot's checkpoints."""
+        """Tell the world the robot's checkpoints, and the attempt that it has begun."""
         self._progress.publish(
-            status(self._name, "progress", self._back.progress().values())
+            status(self._name, "progress", self._attempts.progress().values())
         )
 
+    @property
+    def _begun(self) -> bool:
+        """True if the robot has had an order to begin."""
+        return self._attempts.attempt != NO_ATTEMPT
+
     def world_said(self, said: RunStatus) -> None:
-        """Read the world's status: an order to go back."""
-        order = said.order
-        if self._back.obey(order):
-            if order.step != NO_ROLLBACK:
-                self._unsaid = False
-                self.peers.start_anew()
-                self._node.get_logger().info(
-                    f"went back to the checkpoint of step {order.step}"
-                )
-                self.joined = False  # the world waits until all listen again
-            elif self.joined:
-                self._say_progress()
+        """Read the world's status: its order to begin."""
+        if self._attempts.obey(said.order):
+            self._begin(said.order.checkpoint)
+        self.output.store.forget_before(said.oldest)
+
+    def _begin(self, step: int) -> None:
+        """Begin at a checkpoint; the world waits until all listen again."""
+        self.peers.start_anew()
+        self.joined = False
+        self._publish_tables(wire.Occasion.BEGIN)
+        if step:
+            self._node.get_logger().info(
+                f"{self._name} continues from its checkpoint of step {step}"
+            )
 
     # Outgoing: the port of the lock step.
 
@@ -182,13 +169,11 @@ class Member:
         if not self.joined:  # it went back, and does not listen again yet
             return
         step, cell = said
-        # no order to go back has come: it uses its own checkpoint
-        if self._unsaid:
-            self._unsaid = False
-            self._say_what_is_known(step)
         self.lockstep.state(step, cell)
 
     def _on_save(self) -> tuple[bool, str]:
+        if not self._begun:
+            return False, "the run has not begun: nothing can be saved"
         try:
             path = self._save()
         except OSError as error:
@@ -200,9 +185,10 @@ class Member:
     # The course of the run.
 
     def go_on(self, now: float) -> None:
-        """Join the run if the robot has not; then keep its deadlines until the run is over."""
+        """Join the run when the world orders it; then keep its deadlines until it is over."""
         if not self.joined:
-            self._join_when_ready(now)
+            if self._begun:
+                self._join_when_ready(now)
         elif self._presence.end is None:
             self.peers.keep_the_deadline(now)
 
@@ -220,8 +206,6 @@ class Member:
             return
         self._listen()
         self._say_progress()
-        if not self._unsaid:
-            self._say_what_is_known(self.lockstep.handled)
 
     def _listen(self) -> None:
         """Subscribe to the world: only messages that it publishes from now on arrive."""
@@ -299,7 +283,9 @@ class Member:
 
     def finish(self, *, interrupted: bool) -> None:
         """Publish the last coordination map and the tables, save, and wait for readers."""
-        if self.lockstep.handled and not self._unsaid:
+        if not self._begun:
+            return
+        if self.lockstep.handled:
             self._save_checkpoint()
         path = self._save()
         if path is not None:
@@ -319,7 +305,6 @@ class Member:
             self._node.remind(self._node.reminder, "the world to begin")
         elif self.joined:
             self._node.reminder.over()
-        self.output.count({})
         values = {
             **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
             "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",
@@ -330,17 +315,14 @@ class Member:
         if self.lockstep.agent.learning:
             doing = wire.RunState.LEARNING
         self._report(doing, values)
-        if not self._unsaid:
+        if self.joined:
             self.episode(self.lockstep.handled)
-
-    def _say_what_is_known(self, step: int) -> None:
-        self.episode(step)
-        self._publish_tables(wire.Occasion.INITIAL)
 
     def _publish_tables(self, occasion: str) -> None:
         """Publish the tables; `occasion`: the reason, a `wire.Occasion`."""
+        attempt = self._attempts.attempt
         self._tables.publish(
-            tables_message(self._packed(), self.lockstep.handled, occasion)
+            tables_message(self._packed(), self.lockstep.handled, occasion, attempt)
         )
 
 
@@ -366,7 +348,11 @@ class RobotNode(Follower):
         self._named = False
 
     def may_begin(self, now: float) -> bool:
-        """Return whether the robot has its name: no other node of the graph has it.
+        """Return whether the robot has its name, and the world has said how it stands."""
+        return self._has_name(now) and self.knows_the_world
+
+    def _has_name(self, now: float) -> bool:
+        """Return whether no other node of the graph has the robot's name.
 
         Raises:
             NameTakenError: another node has it, and is no ghost.
@@ -384,18 +370,8 @@ class RobotNode(Follower):
         return self._named
 
     def check(self, run: RunConfig) -> None:
-        """Refuse code that may not be imported, and paths that the user did not give this node.
-
-        Raises:
-            NotAllowedError: the run names such code.
-            TablesError: the run begins with tables, and this node has no parameter `tables`.
-        """
+        """Raise `NotAllowedError` where the run names code that may not be imported."""
         run.check_code()
-        if run.tables and not self.values["tables"]:
-            raise TablesError(
-                f"the run begins with the tables of {in_short(run.tables)}, but parameter "
-                "'tables' of this robot is empty; set it to that directory"
-            )
 
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""

@@ -26,12 +26,10 @@ class Subscriber:
 
     Attributes:
         dropped: number of dropped messages, by topic or service.
-        earlier: number that the node's earlier processes dropped in this run.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self.earlier = 0
         self.dropped: Counter[str] = Counter()
 
     def listen(
@@ -92,4 +90,4 @@ class Subscriber:
     @property
     def total(self) -> int:
         """The number of dropped messages."""
-        return self.dropped.total() + self.earlier
+        return self.dropped.total()

@@ -22,6 +22,7 @@ from sparse_coord_ros.ros.nodes.parameters import (
     ParameterNode,
     of_node,
     run_from_parameters,
+    team_values,
 )
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
@@ -51,7 +52,6 @@ def team_run(values: dict[str, Any]) -> RunConfig:
         run = resumed_run(values)
         check_robots(Path(values["out"]), run.scenario)
         values["record"] = values["recorded"] = run.recorded
-        values["tables"] = run.tables
         return run
     values["recorded"] = values["record"]
     run = run_from_parameters(values)
@@ -71,8 +71,8 @@ def run_team(
     """Run a team until its step budget is used up or `stop` returns True.
 
     Args:
-        values: some of `TEAM_PARAMETERS`; `out` is the output directory, which must not
-            exist, unless the run is to `resume`.
+        values: some of `TEAM_PARAMETERS` and of the scenario's settings; `out` is the output
+            directory, which must not exist, unless the run is to `resume`.
         context: the ROS context.
         namespace: the team's namespace.
         stop: called several times a second.
@@ -85,7 +85,7 @@ def run_team(
     Raises:
         SparseCoordError: bad input.
     """
-    values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
+    values = team_values(values)
     run = team_run(values)
     out = Path(values["out"] or f"{run.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}")
     if not values["resume"]:

@@ -256,6 +256,7 @@ class WatchNode(Follower):
     """
 
     tick_seconds = PAGE_SECONDS
+    world_timeout = 0.0
     team: "HeardTeam"
 
     def __init__(
@@ -566,7 +567,7 @@ class HeardTeam:
 
     def _read_tables(self, k: int, message: UInt8MultiArray) -> tuple[int, Tables]:
         """Return a robot's tables in a message, and their time step."""
-        data, step, _ = read_tables_message(message)
+        data, step, *_ = read_tables_message(message)
         [saved] = unpack_saved(data, [k + 1], where=ros_topics.TABLES.name)
         run = self._run
         return step, tables_of(run.scenario, run.known_rule, k, saved.memory)

@@ -36,7 +36,7 @@ from sparse_coord_ros.ros.nodes.parameters import (
     ParameterNode,
     run_from_parameters,
 )
-from sparse_coord_ros.ros.nodes.restart import Returning
+from sparse_coord_ros.ros.nodes.restart import Restart
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.ros.nodes.world_speed import WorldSpeed
@@ -45,14 +45,6 @@ from sparse_coord_ros.ros.nodes.world_topics import WorldTopics
 GO_ON = "go_on"
 END = "end"
 """The value of `lost_robot` that ends the run; else the world waits."""
-
-EVENTS = (
-    "replaced_robots",
-    "returned_robots",
-    "robot_steps_lost",
-    "taken_back",
-)
-"""A world's counters of its run's faults, earlier processes included."""
 
 NOT_UNDER_WAY = "the run is not under way"
 
@@ -70,18 +62,22 @@ class WorldSimulator(ParameterNode):
         place: where the node is made, and with what: see `NodePlace`.
 
     Attributes:
+        startup_timeout: the seconds that it waits for the other nodes.
+        lost_timeout: the seconds that it waits for lost robots before it ends.
         run: the run.
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: robots without bodies.
         topics: its publishers.
         speed: the speed of the run.
-        returning: rolls the team back if needed; it exists once the world has opened.
+        restart: orders the team to begin; it exists once the world has opened.
 
     Raises:
         SparseCoordError: a bad parameter, another world, robots that do not come.
     """
 
-    returning: Returning
+    startup_timeout = 60.0
+    lost_timeout = 60.0
+    restart: Restart
     _output: Output | None = None
     _rate_timer: Timer | None = None
     _paused = False
@@ -125,10 +121,8 @@ class WorldSimulator(ParameterNode):
         if self._stopped:
             return wire.RunState.STOPPED
         started = self.speed.begun
-        resumed = self.values["resume"]
-        calling = self._output is not None and self.returning.calling
-        if calling or (resumed and not started and not self._paused):
-            # the team's place is known when all have answered
+        resumed = self.values["resume"] and not started and not self._paused
+        if self.lockstep.held or resumed:
             return wire.RunState.RESUMING
         if self._held:
             return wire.RunState.PAUSED
@@ -143,8 +137,8 @@ class WorldSimulator(ParameterNode):
 
     def _say(self) -> None:
         if self._output is not None:
-            self.topics.say(self.doing, self.lockstep, self.returning.order)
-            self._output.count(self.returning.events)
+            restart = self.restart
+            self.topics.say(self.doing, self.lockstep, restart.order, restart.oldest)
 
     def _show(self) -> None:
         """Publish the robots' places; not of a resumed team that has not gone back yet."""
@@ -216,7 +210,7 @@ class WorldSimulator(ParameterNode):
         if not self.speed.begun:
             self._start_when_complete(now)
         elif self.lockstep.held:
-            self.returning.look(now, all_listen=lambda: not self._missing())
+            self.restart.look(now, all_listen=lambda: not self._missing())
         elif not self.lockstep.finished:
             self._watch_the_barrier(now)
         if now - self.speed.reported >= REPORT_SECONDS:
@@ -228,9 +222,7 @@ class WorldSimulator(ParameterNode):
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
-        self.returning = Returning(
-            self.run, self.lockstep, self._output, self._on_return
-        )
+        self.restart = Restart(self.run, self.lockstep, self._output, self._on_restart)
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
@@ -259,30 +251,29 @@ class WorldSimulator(ParameterNode):
         return f"ros2 run sparse_coord_ros {started}"
 
     def _start_when_complete(self, now: float) -> None:
-        missing = self.returning.resume() or self._missing()
+        missing = self.restart.missing() or self._missing()
         if missing:
             self.remind(self.reminder, ", ".join(missing))
-            limit = self.values["startup_timeout"]
-            if 0 < limit < now - self.born:
+            limit = self.startup_timeout
+            if limit < now - self.born:
                 raise RunError(
-                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
+                    f"after {limit:g} s still no node for {', '.join(missing)}; "
                     f"start each one, as in: {self._start_of(missing)}"
                 )
             return
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
-        self.returning.begin(now)
         self._say()
         self.get_logger().info(
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
             f"steps, seed {self.run.seed}"
         )
-        if not self.lockstep.held:
-            self.lockstep.start()
+        self.lockstep.start()
+        self._end_when_finished()
 
-    def _on_return(self) -> None:
-        """The team goes back, or continues there."""
+    def _on_restart(self) -> None:
+        """The team has the order to begin, or goes on."""
         if self.lockstep.held:
             self.topics.start_anew()
         self._silence.begin(time.monotonic())
@@ -312,12 +303,12 @@ class WorldSimulator(ParameterNode):
         missing = side.missing()
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self.reminder, f"{names} at step {side.world.step}")
-        if 0 < self.values["lost_timeout"] <= stands:
+        if self.lost_timeout <= stands:
             why = f"the world has waited for {stands:.0f} s for {names}"
             saved = "all is saved; start all nodes again with parameter resume"
             if not self.values["out"]:
                 saved = "parameter 'out' is empty: the run is not saved"
-            raise RunError(f"lost_timeout: step {side.world.step}: {why}; {saved}")
+            raise RunError(f"step {side.world.step}: {why}; {saved}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
         ):
@@ -404,13 +395,10 @@ class WorldSimulator(ParameterNode):
 
     def _counts(self) -> dict[str, Any]:
         """Return the counts of summary and diagnostics."""
-        events = self.returning.events
         return {
             "transitions": self.lockstep.world.transitions,
-            "transitions_lost": self.lockstep.lost,
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
-            **{name: events[name] for name in EVENTS},
             "messages_dropped": self.subscriber.total,
         }
 

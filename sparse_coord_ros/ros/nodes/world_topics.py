@@ -142,12 +142,21 @@ class WorldTopics:
             self.show()
         self._run_publisher.publish(String(data=self._run.to_yaml()))
 
-    def say(self, state: str, side: WorldSide, order: Order) -> None:
-        """Publish the status: the world's state, its progress, and the order to go back."""
+    def say(self, state: str, side: WorldSide, order: Order, oldest: int) -> None:
+        """Publish the status: the world's state, its progress, and the order to begin."""
         game = self._game
-        counts = game.step, game.transitions, side.left_out
-        values = RunStatus(self._run.id, state, *counts, side.began, order).values()
-        self._status_publisher.publish(status(self._run.scenario.name, state, values))
+        said = RunStatus(
+            run=self._run.id,
+            state=state,
+            step=game.step,
+            transitions=game.transitions,
+            left_out=side.left_out,
+            began=side.began,
+            order=order,
+            oldest=oldest,
+        )
+        message = status(self._run.scenario.name, state, said.values())
+        self._status_publisher.publish(message)
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:
         """Publish the robots' places; the scene is limited in rate unless `always`."""

@@ -1,0 +1,164 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a team begins, and begins again, as state machines without ROS.
+
+All nodes know one thing: "begin at checkpoint s". The world orders it at the run's start, where s
+is 0, and whenever a process has come in place of another one: s is the newest checkpoint that all
+nodes have. Who gets an order forgets all that came after that checkpoint.
+"""
+
+import uuid
+from collections.abc import Callable, Sequence
+
+from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.learners.agent import Agent
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
+    BEGINNING,
+    CheckpointStore,
+)
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
+from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import RECORDER
+from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Order, Progress
+
+KEPT_COMMON = 2
+"""Number of the newest common checkpoints that all nodes keep."""
+
+
+class WorldAttempts:
+    """The world's part.
+
+    Args:
+        side: the world's side of the lock step.
+        store: its checkpoints.
+        nodes: the nodes that begin together: the robots and, if it is awaited, the recorder.
+
+    Attributes:
+        order: the last order.
+        said: the last message of each node that has said something.
+    """
+
+    def __init__(
+        self, side: WorldSide, store: CheckpointStore, nodes: Sequence[str]
+    ) -> None:
+        self.order = Order()
+        self.said: dict[str, Progress] = {}
+        self._side = side
+        self._store = store
+        self._nodes = nodes
+
+    @property
+    def silent(self) -> list[str]:
+        """The nodes that have said nothing so far."""
+        return [node for node in self._nodes if node not in self.said]
+
+    @property
+    def waiting(self) -> list[str]:
+        """The nodes that have not begun the last attempt."""
+        attempt = self.order.attempt
+        return [
+            node
+            for node in self._nodes
+            if node not in self.said or self.said[node].attempt != attempt
+        ]
+
+    def common(self) -> list[int]:
+        """Return the steps of the newest common checkpoints of world and robots, the newest first.
+
+        There are `KEPT_COMMON` at most, and one at least.
+        """
+        steps = set(self._store.steps())
+        for node, said in self.said.items():
+            if node != RECORDER and said.checkpoints:
+                steps &= set(said.checkpoints)
+        return sorted({*steps, BEGINNING}, reverse=True)[:KEPT_COMMON]
+
+    @property
+    def oldest(self) -> int:
+        """The oldest checkpoint to which the team may go back, as far as all have said theirs."""
+        return BEGINNING if self.silent else self.common()[-1]
+
+    def begin(self) -> None:
+        """Order the team to begin, and go to the checkpoint.
+
+        It is the newest common one of world and robots, or the one before, if the recorder has
+        only that. A recorder that has neither leaves a gap in its bag.
+
+        Raises:
+            RunError: a robot has none of the run's checkpoints, or the world's is of another run.
+        """
+        self._check_robots()
+        common = self.common()
+        recorder = self.said.get(RECORDER, Progress())
+        recorded = [step for step in common if step in recorder.checkpoints]
+        step = max(recorded, default=common[0])
+        if step != BEGINNING or self.order.attempt != NO_ATTEMPT:
+            self._side.go_on_from(self._store.load(step))
+            self._store.forget_after(step)
+        self.order = Order(uuid.uuid4().hex, step)
+
+    def _check_robots(self) -> None:
+        """Refuse to throw away what a team has learned, for a robot without checkpoints.
+
+        Where the world has two, such a robot lacks even the older one.
+        """
+        saved = [step for step in self._store.steps() if step != BEGINNING]
+        for node, said in self.said.items():
+            none = node != RECORDER and said.checkpoints == (BEGINNING,)
+            if none and len(saved) >= KEPT_COMMON:
+                raise RunError(
+                    f"{node} has no checkpoint of this run, which is at step {saved[0]}; all is "
+                    f"saved: start {node} with its parameter 'out', and all nodes with resume; "
+                    "or begin a new run"
+                )
+
+
+class RobotAttempts:
+    """A robot's part.
+
+    Args:
+        side: the robot's side of the lock step.
+        store: its checkpoints.
+        fresh: makes an agent in its initial state.
+        found: the attempt of the team when the robot came: it is for others. The next one is the
+            answer to the robot's first report.
+
+    Attributes:
+        attempt: the attempt that the robot has begun.
+    """
+
+    def __init__(
+        self,
+        side: RobotSide,
+        store: CheckpointStore,
+        fresh: Callable[[], Agent],
+        found: str,
+    ) -> None:
+        self.attempt = NO_ATTEMPT
+        self._side = side
+        self._store = store
+        self._fresh = fresh
+        self._known = found
+
+    def obey(self, order: Order) -> bool:
+        """Begin as the world orders; return whether to subscribe anew, then publish `_progress`.
+
+        Messages in flight from before the order must not count as new: their steps have the same
+        numbers.
+
+        Args:
+            order: the world's last order.
+
+        Raises:
+            RunError: the checkpoint is missing, or of another run.
+        """
+        if order.attempt in (NO_ATTEMPT, self._known):
+            return False
+        self._side.go_on_from(self._fresh(), self._store.load(order.checkpoint))
+        self._store.forget_after(order.checkpoint)
+        self._known = self.attempt = order.attempt
+        return True
+
+    def progress(self) -> Progress:
+        """Return the robot's report to the world."""
+        return Progress(tuple(self._store.steps()), self.attempt)

@@ -1,0 +1,196 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The files of experiments: tables as CSV and as Markdown, and figures as PNG.
+
+It needs pandas and Matplotlib: import it late.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.core.game.settings import as_text
+from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.solve.shipped import shipped_best_team
+from sparse_coord_ros.show.charts import rendered
+from sparse_coord_ros.studies.catalogue import Experiment
+from sparse_coord_ros.studies.compared import best_asking_team, by_scenario, paper
+from sparse_coord_ros.studies.condition_result import (
+    BY_ROBOT,
+    SUMS,
+    ConditionResult,
+    standard_error,
+)
+from sparse_coord_ros.studies.figures import figures_of
+
+PAPER = ("returns", "time_to_goal", "miscoordinations")
+"""Measures that the paper prints."""
+
+PROPERTIES = (
+    *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
+    *("visited_share", "visited_bytes", "dense_bytes"),
+)
+"""Of a result, as columns."""
+
+BESIDE_PAPER: Mapping[str, Sequence[str]] = {
+    "table1": ["returns"],
+    "table2": ["time_to_goal", "miscoordinations"],
+    "table3": ["returns"],
+}
+"""The measures of the paper's tables: ours stand beside the paper's numbers."""
+
+Row = dict[str, str]
+
+
+def write_report(
+    directory: Path, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
+) -> None:
+    """Write tables and figures; the same results give the same bytes.
+
+    Args:
+        directory: gets the folders `tables` (NAME.csv and NAME.md of each experiment) and
+            `figures` (PNG).
+        chosen: the experiments.
+        found: result of every condition of these experiments, by its id.
+    """
+    (directory / "tables").mkdir(parents=True, exist_ok=True)
+    (directory / "figures").mkdir(exist_ok=True)
+    for one in chosen:
+        results = [found[each.id] for each in one.conditions]
+        write_whole(directory / f"tables/{one.name}.csv", to_csv(results))
+        write_whole(directory / f"tables/{one.name}.md", to_markdown(one.name, results))
+        for name, draw in figures_of(one.name).items():
+            picture = rendered(draw(results), "png", few=True)
+            write_whole(directory / f"figures/{name}.png", picture)
+
+
+def to_markdown(name: str, results: Sequence[ConditionResult]) -> str:
+    """Return the table of an experiment: means, with their standard errors in parentheses."""
+    measures = BESIDE_PAPER.get(name)
+    rows = _each(results) if measures is None else _beside_paper(results, measures)
+    table = list(rows)
+    columns = list(dict.fromkeys(column for row in table for column in row))
+    lines = [columns, [":--"] + ["--:"] * (len(columns) - 1)]
+    lines += [[row.get(column, "-") for column in columns] for row in table]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _beside_paper(
+    results: Sequence[ConditionResult], measures: Sequence[str]
+) -> Iterator[Row]:
+    """Yield a row for each measure and scenario, with a column for each learner."""
+    for measure in measures:
+        for own in by_scenario(results):
+            row = {"scenario": own[0].scenario.name, "measure": measure}
+            for one in own:
+                title = one.learner.title
+                row[title] = _with_error(one.best(measure))
+                printed = paper(one, measure)
+                if printed is not None:
+                    row[f"{title}, paper"] = f"{printed.mean:.2f}"
+            row["shortest paths"] = f"{own[0].reference[measure]:.2f}"
+            if measure == "returns":
+                row |= _yardsticks(own[0])
+            yield row
+
+
+def _each(results: Sequence[ConditionResult]) -> Iterator[Row]:
+    """Yield a row for each condition, with the settings that it changes."""
+    names = dict.fromkeys(name for one in results for name, _ in one.condition.settings)
+    for one in results:
+        plain = one.scenario.plain_settings
+        yield {
+            "scenario": one.scenario.name,
+            "learner": one.learner.title,
+            **{name: as_text(plain[name]) for name in names},
+            "return": _with_error(one.best("returns")),
+            "asks": _with_error(one.best("asks")),
+            "miscoordinations": _with_error(one.best("miscoordinations")),
+            "failed teams": f"{one.failed_teams} of {one.runs}",
+            "shortest paths": f"{one.reference['returns']:.2f}",
+            **_yardsticks(one),
+        }
+
+
+def _yardsticks(result: ConditionResult) -> Row:
+    """Return the best known team, and the joint optimum; `<=` marks an upper bound."""
+    best = best_asking_team(result)
+    team = shipped_best_team(result.scenario)
+    row = {}
+    if team is not None:
+        row["best asking team found"] = f">= {team.value:.2f}"
+    elif best is not None:
+        row["best asking team found"] = f"{best:.2f}"
+    exact = "" if result.optimum_exact else "<= "
+    row["joint optimum"] = f"{exact}{result.optimum:.2f}"
+    return row
+
+
+def _with_error(measure: Measure) -> str:
+    """Return a mean, and its standard error; a dash for that of a single run."""
+    error = measure.standard_error
+    return f"{measure.mean:.2f} ({'-' if math.isnan(error) else f'{error:.2f}'})"
+
+
+def to_csv(results: Iterable[ConditionResult]) -> str:
+    """Return a CSV file: one row a condition, one value a field, in full precision."""
+    rows = pd.DataFrame([dict(_flat(_row(one))) for one in results])
+    return rows.to_csv(index=False, lineterminator="\n")
+
+
+def _flat(row: Mapping[Any, Any], head: str = "") -> Iterator[tuple[str, object]]:
+    """Yield names and values of columns: nested keys are joined."""
+    for key, value in row.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{head}{key}_")
+        else:
+            yield f"{head}{key}", value
+
+
+def _row(result: ConditionResult) -> dict[str, Any]:
+    """Return the values of a row, nested; the keys are joined to the column's name."""
+    scenario = result.scenario
+    robots = len(scenario.robots)
+    by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
+    by_robot["common_reward_factor"] = (
+        list(scenario.common_reward.numbers) or [1.0] * robots
+    )
+    team = shipped_best_team(scenario)
+    exact = result.exact or dict.fromkeys((*SUMS, "arrived"), [math.nan])
+    found = {
+        name: paper(result, name) or Measure(math.nan, math.nan, 0) for name in PAPER
+    }
+    return {
+        "id": result.id,
+        "scenario": scenario.name,
+        "learner": result.condition.learner,
+        "robots": robots,
+        **scenario.plain_settings,
+        "runs": result.runs,
+        "trials": result.trials,
+        **{name: asdict(result.measure(name)) for name in SUMS},
+        "paper": {
+            name: {"mean": m.mean, "spread": m.spread} for name, m in found.items()
+        },
+        "shortest_path": {name: result.reference[name] for name in PAPER},
+        **{name: getattr(result, name) for name in PROPERTIES},
+        **{
+            f"{name}_robot": dict(enumerate(own, start=1))
+            for name, own in by_robot.items()
+        },
+        "exact": {
+            name: {
+                "mean": np.mean(own),
+                "standard_error": standard_error(np.array(own)),
+            }
+            for name, own in exact.items()
+        },
+        "best_asking_team": best_asking_team(result),
+        "best_team": None if team is None else team.value,
+    }

@@ -1,0 +1,146 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What learners reach in each kind of interaction. The studies of docs/interactions.md.
+
+python studies/interactions.py [--kinds KIND...] [--seeds N...] [--runs N] [--steps N] [--seed N]
+python studies/interactions.py --parts --seeds 1 3 5 --runs 8 --seed 5200000
+
+Pairs learn in generated buildings whose gap, from shortest paths to the joint optimum, is 3 or
+more; penalty -100. The table has, by interaction and learner, the share of the pooled gap,
+failed teams and questions of a robot. `--parts` has factored without one part of its rule.
+"""
+
+import argparse
+
+import numpy as np
+import pandas as pd
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.core.runs.evaluation import fails
+
+KINDS = ("door", "doors", "corridor", "rooms", "loop", "crossing")
+LEAST_GAP = 3.0
+
+
+class NoExchanges(sc.Factored):
+    """Takes all r^C for that of a cell, none for that of an exchange."""
+
+    @staticmethod
+    def came_from(mind, task, now, y):
+        """Return whether the robot exchanged cells: never."""
+        return False
+
+
+class NoStops(sc.Factored):
+    """Takes stops for slips."""
+
+    @staticmethod
+    def was_stopped(mind, task, now):
+        """Return whether a peer stopped the robot: never."""
+        return False
+
+
+class OneStep(sc.Factored):
+    """Counts a stop as the step that it costs near the goal."""
+
+    @staticmethod
+    def loss_of_stop(mind, task):
+        """Return what arrival loses in a step."""
+        arrival = task.goal_reward + task.discount * task.goal_value
+        return (1.0 - task.discount) * arrival
+
+
+class NoLookingBack(sc.Factored):
+    """Does not learn the results of moves that it did not make."""
+
+    @staticmethod
+    def look_back(mind, task, now):
+        """Learn nothing."""
+
+
+OTHERS = ["coop", "cq", "joint"]
+REACHED = {
+    "swap": ["factored", NoExchanges, *OTHERS],
+    "block": ["factored", NoStops, *OTHERS],
+    "block:anywhere": ["factored", NoStops, *OTHERS],
+}
+"""Learners, by the interactions."""
+
+PARTS = {
+    "together": ["factored", NoLookingBack],
+    "together:anywhere": ["factored", NoLookingBack],
+    "swap": ["factored", NoLookingBack, NoExchanges],
+    "block:anywhere": ["factored", NoLookingBack, NoStops, OneStep],
+}
+
+
+def with_a_gap(interactions: str, options):
+    """Yield the scenarios, with the value of shortest paths and the joint optimum."""
+    for kind in options.kinds:
+        for seed in options.seeds:
+            scenario = sc.load_scenario(
+                f"unseen1-{kind}-2r-{seed}",
+                interactions=interactions,
+                penalty=-100,
+                steps=options.steps,
+            )
+            paths = sc.shortest_paths(scenario).returns
+            best = sc.optimum(scenario).value
+            if best >= paths + LEAST_GAP:
+                yield scenario, paths, best
+
+
+def stood(interactions: str, learner, options) -> dict[str, object]:
+    """Return how the teams of a learner stand."""
+    gained, gaps, asks, failed, teams = [], [], [], 0, 0
+    for scenario, paths, best in with_a_gap(interactions, options):
+        found = sc.train_many(
+            scenario, learner, runs=options.runs, trials=100, seed=options.seed
+        )
+        returns = []
+        for run in found:
+            exact = run.exact
+            returns.append(
+                np.mean(run.trials.returns if exact is None else exact.returns)
+            )
+            arrived = run.trials.arrived.all(axis=1).mean()
+            failed += fails(arrived if exact is None else exact.arrived)
+            asks.append(run.trials.asks.mean())
+        teams += len(found)
+        gained.append(np.mean(returns) - paths)
+        gaps.append(best - paths)
+    name = learner if isinstance(learner, str) else learner.__name__
+    row = {"interactions": interactions, "learner": name, "buildings": len(gaps)}
+    if not gaps:
+        return row
+    return row | {
+        "share of the gap": np.sum(gained) / np.sum(gaps),
+        "worst building": np.min(np.divide(gained, gaps)),
+        "failed": failed,
+        "teams": teams,
+        "asks": np.mean(asks),
+    }
+
+
+def main() -> None:
+    """Let teams learn, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--parts", action="store_true", help="of factored")
+    seeds = list(range(1, 17, 2))
+    parser.add_argument("--seeds", type=int, nargs="+", default=seeds, help="buildings")
+    parser.add_argument("--kinds", nargs="+", default=KINDS, help="of buildings")
+    parser.add_argument("--runs", type=int, default=4)
+    parser.add_argument("--steps", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=77_000, help="of the first team")
+    options = parser.parse_args()
+    rows = []
+    for interactions, learners in (PARTS if options.parts else REACHED).items():
+        for learner in learners:
+            rows.append(stood(interactions, learner, options))
+            print(rows[-1], flush=True)
+    print(pd.DataFrame(rows).round(3).to_string(index=False))
+
+
+# plain Python learns in processes, which import this file again
+if __name__ == "__main__":
+    main()

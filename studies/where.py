@@ -1,0 +1,73 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where on the map do robots ask? The study of docs/reproduction.md's central claim.
+
+python studies/where.py [--scenarios NAME...] [--learner NAME] [--runs N] [--trials N] [--steps N]
+    [--seed N] [--out RESULTS]
+
+The table has, at a penalty of -100, the questions of a robot in an episode, and the share of
+them that it asks near a doorway, at most two moves away; beside it the share of their time that
+robots spend there, and the share of the cells there. With `--out` the results are kept:
+`sparse_coord plot RESULTS --what asks` draws the maps.
+"""
+
+import argparse
+
+import numpy as np
+import pandas as pd
+
+import sparse_coord_ros as sc
+
+NEAR = 2
+SCENARIOS = ["env1", "env2-2r", "env2-4r", "cit", "cmu", "isr", "mit", "pentagon"]
+SCENARIOS += ["suny"]
+
+
+def near_doorways(grid) -> np.ndarray:
+    """Return whether a doorway is at most `NEAR` moves away; (cells,)."""
+    near = np.zeros(len(grid.cells), dtype=bool)
+    for doorway in grid.doorways:
+        moves = grid.distances_to(doorway)
+        near |= (0 <= moves) & (moves <= NEAR)
+    return near
+
+
+def main() -> None:
+    """Let teams learn, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--scenarios", nargs="+", default=SCENARIOS)
+    parser.add_argument("--learner", default="coop")
+    parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--steps", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", help="results directory")
+    options = parser.parse_args()
+    rows = []
+    for name in options.scenarios:
+        [result] = sc.sweep(
+            sc.load_scenario(name, steps=options.steps),
+            {"penalty": [-100]},
+            learner=options.learner,
+            out=options.out,
+            runs=options.runs,
+            trials=options.trials,
+            seed=options.seed,
+        ).values()
+        near = near_doorways(result.scenario.map)
+        asked = np.array(result.asked)
+        stays = np.array(result.stays)
+        asks = result.best("asks")
+        row = {"scenario": name, "asks": asks.mean, "s.e.": asks.standard_error}
+        row["asked near"] = asked[:, near].sum() / (asked.sum() or np.nan)
+        row["time near"] = stays[:, near].sum() / stays.sum()
+        row["cells near"] = near.mean()
+        row["return"] = result.best("returns").mean
+        row["shortest paths"] = result.reference["returns"]
+        rows.append(row)
+    print(pd.DataFrame(rows).round(3).to_string(index=False))
+
+
+# plain Python learns in processes, which import this file again
+if __name__ == "__main__":
+    main()

@@ -1,3 +1,0 @@
-# Copyright 2026 The sparse_coord_ros authors
-# SPDX-License-Identifier: Apache-2.0
-"""The studies whose tables docs/coordination.md shows."""
