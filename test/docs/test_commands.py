@@ -66,9 +66,7 @@ def blocks(page):
 
 def pages():
     """Return every page of the documentation that is written by hand, and the README."""
-    docs = sorted(
-        path for path in (ROOT / "docs").rglob("*.md") if path.name != "reproduction.md"
-    )
+    docs = sorted((ROOT / "docs").rglob("*.md"))
     docs = [path for path in docs if not {"_build", "generated"} & set(path.parts)]
     shown = [
         ROOT / "README.md",

@@ -12,13 +12,14 @@ from teams import drawn
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import ResultsError
 from sparse_coord_ros.base.share import share_file
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.solve import asking_loops, asking_search
 from sparse_coord_ros.core.solve.asking_loops import PLAIN
 from sparse_coord_ros.core.solve.asking_search import (
     LETTERS,
     find_asking_team,
-    tables_of_policies,
 )
 from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.exact import evaluate_exact
@@ -36,6 +37,23 @@ TINY = "1D.2"
 SMALL = "1.D.2\n..#.."
 LOOPS = asking_loops.compiled()  # plain where numba is missing
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+
+
+def tables_of_policies(scenario, robots):
+    """Return tables on which Algorithm 1 acts greedily as these policies say."""
+    cells = len(scenario.map.cells)
+    tables = []
+    for k, robot in enumerate(robots):
+        q_star = np.zeros((cells, len(ACTIONS)))
+        q_coord = np.zeros((cells, cells, PRIMITIVES))
+        for x, letter in enumerate(robot.moves):
+            q_star[x, LETTERS.index(letter)] = 1.0
+        for cell, letters in robot.asks.items():
+            q_star[int(cell), COORDINATE] = 2.0
+            for z, letter in enumerate(letters):
+                q_coord[int(cell), z, LETTERS.index(letter)] = 1.0
+        tables.append(tables_from_values(scenario, k, q_star, q_coord))
+    return tables
 
 
 def made(grid=SMALL, robots=None, **settings):

@@ -27,8 +27,6 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.base.files import path_argument, read_text, write_whole
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.actions import (
-    ACTIONS,
-    COORDINATE,
     MOVES,
     PRIMITIVES,
 )
@@ -37,9 +35,7 @@ from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.game.sight import probabilities_between
-from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.solve import asking_loops
 from sparse_coord_ros.core.solve.asking_loops import (
     OPTIONS,
@@ -320,25 +316,6 @@ def policies_of(scenario: Scenario, robots: Sequence[RobotPolicy]) -> AskingPoli
             policy.asks[k, int(x)] = True
             policy.seen[k, int(x)] = [LETTERS.index(letter) for letter in letters]
     return policy
-
-
-def tables_of_policies(
-    scenario: Scenario, robots: Sequence[RobotPolicy]
-) -> list[Tables]:
-    """Return tables on which Algorithm 1 acts greedily as these policies say."""
-    cells = len(scenario.map.cells)
-    tables = []
-    for k, robot in enumerate(robots):
-        q_star = np.zeros((cells, len(ACTIONS)))
-        q_coord = np.zeros((cells, cells, PRIMITIVES))
-        for x, letter in enumerate(robot.moves):
-            q_star[x, LETTERS.index(letter)] = 1.0
-        for cell, letters in robot.asks.items():
-            q_star[int(cell), COORDINATE] = 2.0
-            for z, letter in enumerate(letters):
-                q_coord[int(cell), z, LETTERS.index(letter)] = 1.0
-        tables.append(tables_from_values(scenario, k, q_star, q_coord))
-    return tables
 
 
 def _gain(
