@@ -76,9 +76,8 @@ from sparse_coord_ros.studies.runner import (
     Progress,
     no_progress,
     run_experiment,
-    warn,
 )
-from sparse_coord_ros.studies.store import RUNS, TRIALS_OR_NONE, Plan, Say
+from sparse_coord_ros.studies.store import RUNS, TRIALS_OR_NONE, Plan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -491,7 +490,6 @@ def sweep(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
-    say: Say = warn,
 ) -> ExperimentResults:
     """Learn with every combination of some settings, a condition each; on all cores.
 
@@ -513,7 +511,6 @@ def sweep(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
-        say: as of `run_experiment`.
 
     Raises:
         ScenarioError, SettingError: no such scenario, setting or learner, or a bad value.
@@ -543,7 +540,6 @@ def sweep(
         jobs=jobs,
         scheduler=scheduler,
         progress=progress,
-        say=say,
     )
     return replace(found, swept=tuple(name for name in values if name != "learner"))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
-from sparse_coord_ros.cli.options import Option, note
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.studies.benchmark import TEAM_RUNS, TEAM_TRIALS, benchmark
@@ -58,7 +58,6 @@ def execute(options: argparse.Namespace) -> None:
             options.learners,
             lists=options.lists,
             progress=lambda name, done, total: bar.show(done, total, name),
-            say=note,
             **computing_of(options),
             **settings,
         )

@@ -15,7 +15,6 @@ from sparse_coord_ros.cli.options import (
     SEED,
     Option,
     format_table,
-    note,
     tell,
 )
 from sparse_coord_ros.core.runs.evaluation import summary
@@ -70,7 +69,6 @@ def execute(options: argparse.Namespace) -> None:
         done = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),
-            say=note,
             report=True,
             **by,
         )

@@ -33,8 +33,7 @@ from sparse_coord_ros.studies.lists import (
     Item,
     items_of,
 )
-from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment, warn
-from sparse_coord_ros.studies.store import Say
+from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -132,7 +131,6 @@ def benchmark(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
-    say: Say = warn,
     **settings: object,
 ) -> Standings:
     """Judge learners on fixed lists of scenarios, at a penalty of -100.
@@ -151,7 +149,6 @@ def benchmark(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of its list.
-        say: as of `run_experiment`.
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Raises:
@@ -184,7 +181,6 @@ def benchmark(
         "jobs": jobs,
         "scheduler": scheduler,
         "progress": progress,
-        "say": say,
     }
     found = []
     for name, items in asked.items():

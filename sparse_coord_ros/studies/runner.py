@@ -9,7 +9,6 @@ refused.
 import math
 import os
 import shutil
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -65,7 +64,6 @@ from sparse_coord_ros.studies.store import (
     RUNS,
     Plan,
     Results,
-    Say,
     open_results,
 )
 from sparse_coord_ros.studies.targets import Targets, parse_targets
@@ -81,11 +79,6 @@ begins, and after each run; on a cluster, after each task."""
 
 def no_progress(name: str, done: int, total: int) -> None:
     """Show nothing."""
-
-
-def warn(line: str) -> None:
-    """Say a line as a Python warning."""
-    warnings.warn(line, stacklevel=2)
 
 
 class SingleRun(NamedTuple):
@@ -273,7 +266,6 @@ def run_experiment(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
-    say: Say = warn,
 ) -> ExperimentResults:
     """Compute experiments or single conditions; with `out`, save them, and resume an earlier call.
 
@@ -290,8 +282,6 @@ def run_experiment(
         scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
             `LocalCluster`; None: this machine.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
-        say: called with one line for each file of `out` that is damaged, was edited or belongs
-            elsewhere: it is put aside, and its condition is computed again.
 
     Raises:
         ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
@@ -307,7 +297,6 @@ def run_experiment(
     targets = parse_targets(_as_list(what), plan)
     jobs = check_place(jobs, scheduler)
     check_function("progress", progress)
-    check_function("say", say)
     if out is not None or scheduler is not None:
         for one in (*targets.conditions, *(one for one, _ in targets.runs)):
             check_found_elsewhere(one.scenario.perception)
@@ -323,7 +312,7 @@ def run_experiment(
     directory = path_argument("out", out)
     write_report = _report_writer() if report and targets.experiments else None
     with (
-        open_results(directory, plan, say) as results,
+        open_results(directory, plan) as results,
         cluster_at(scheduler) as cluster,
     ):
         by = Computing(engine, jobs, cluster)

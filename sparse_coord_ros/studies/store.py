@@ -3,14 +3,12 @@
 """Results on disk: one JSON file a condition, in a directory that never mixes seeds or versions.
 
 `results.json` says what the directory holds; `conditions/<id>.json` is written whole when its
-condition is done, so an interrupted experiment goes on where it stopped. Every file carries a
-digest of its content (`studies.checked_json`), and a condition's file also says of which
-condition, scenario and plan it is: a file that was damaged, edited or moved is never shown.
+condition is done, so an interrupted experiment goes on where it stopped. A condition's file says
+of which scenario and plan it is: results of different settings are never merged.
 """
 
 import hashlib
 import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,10 +19,8 @@ from typing import Any
 from sparse_coord_ros.base.errors import (
     ResultsError,
     SettingError,
-    SparseCoordError,
-    in_short,
 )
-from sparse_coord_ros.base.files import PARTIAL, free_name, take_lock, write_whole
+from sparse_coord_ros.base.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.game.scenario import (
@@ -33,12 +29,8 @@ from sparse_coord_ros.core.game.scenario import (
     scenario_from_dict,
 )
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.studies.checked_json import (
-    DamagedError,
     Form,
-    Numbers,
     OrNull,
     check_form,
     read_checked,
@@ -49,7 +41,6 @@ from sparse_coord_ros.studies.condition_result import (
     SUMS,
     ConditionResult,
     reference_names,
-    reference_of,
 )
 from sparse_coord_ros.studies.conditions import Condition, parse_id
 
@@ -64,7 +55,7 @@ RUN_TRIALS = Setting(
 TRIALS_OR_NONE = replace(RUN_TRIALS, low=0, least=1)
 
 Say = Callable[[str], None]
-"""Is told in one line about a file that is left out, or put aside."""
+"""Is told in one line about results that are left out."""
 
 
 @dataclass(frozen=True)
@@ -107,13 +98,11 @@ class Results:
     Args:
         directory: where it is.
         plan: seed, runs and trials of every condition in it.
-        say: hears which file is put aside.
     """
 
-    def __init__(self, directory: Path, plan: Plan, say: Say = lambda _: None) -> None:
+    def __init__(self, directory: Path, plan: Plan) -> None:
         self.directory = directory
         self.plan = plan
-        self._say = say
 
     def path(self, condition: Condition) -> Path:
         """Return the path of a condition's result."""
@@ -122,32 +111,20 @@ class Results:
     def load(self, condition: Condition) -> ConditionResult | None:
         """Return a condition's result, None where it is not there yet.
 
-        A file that is damaged, or belongs elsewhere, is put aside as `<file>.broken`, and its
-        condition is open again.
-
         Raises:
-            ResultsError: the result is of another scenario or protocol, or in another format.
+            ResultsError: the file is damaged, of another scenario, protocol or plan, or in another
+                format.
         """
         path = self.path(condition)
         if not path.exists():
             return None
-        try:
-            data = _read(path)
-            _condition_at(path, self.directory / CONDITIONS, data["scenario"])
-            return _result(path, condition, self.plan, data)
-        except DamagedError as damage:
-            aside = free_name(path.with_name(f"{path.name}.broken"))
-            os.replace(path, aside)
-            self._say(
-                f"{path}: {damage}; it is now {aside.name}, and is computed again"
-            )
-            return None
+        data = read_checked(path, CONDITION_FORM, REMEDY)
+        return _result(path, condition, self.plan, data)
 
     def save(self, condition: Condition, result: ConditionResult) -> None:
         """Write a condition's result, whole or not at all."""
         own = condition.own_scenario
         data = {
-            "condition": condition.id,
             "computation": computation_digest(condition),
             "plan": asdict(self.plan),
             "scenario": None if own is None else _scenario_data(own),
@@ -163,13 +140,9 @@ MEASURED = tuple(
 )
 """What a file says of a condition's runs, as named in `ConditionResult`."""
 
-PLAN_FORM: Mapping[str, Form] = {
-    setting.name: Numbers(low=setting.low, high=setting.high, whole=True)
-    for setting in (RUN_SETTINGS["seed"], RUNS, RUN_TRIALS)
-}
+PLAN_FORM: Mapping[str, Form] = {"seed": int, "runs": int, "trials": int}
 MANIFEST_FORM: Mapping[str, Form] = {"version": str, **PLAN_FORM}
 CONDITION_FORM: Mapping[str, Form] = {
-    "condition": str,
     "computation": str,
     "plan": PLAN_FORM,
     "scenario": OrNull(dict),
@@ -177,8 +150,8 @@ CONDITION_FORM: Mapping[str, Form] = {
 }
 """The form of a condition's file; that of `result` depends on the scenario and the plan."""
 
-MOST_ARRIVED = 1.0 + 1e-9
-"""A probability that is a sum of floats may exceed 1 by a rounding error."""
+REMEDY = "remove it, and the command that made this directory computes it again"
+"""What helps where a condition's file is damaged."""
 
 
 def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
@@ -186,22 +159,19 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
     of_run = (plan.runs,)
     of_robot = (len(scenario.robots),)
     of_cell = (*of_robot, len(scenario.map.cells))
-    means: dict[str, Form] = {name: Numbers(of_run, low=0.0) for name in SUMS}
-    means["returns"] = Numbers(of_run)
+    sums = dict.fromkeys(SUMS, of_run)
     return {
-        "optimum": Numbers(),
+        "optimum": (),
         "optimum_exact": bool,
-        "reference": {name: Numbers() for name in reference_names(scenario)},
-        "means": means,
-        "variances": {name: Numbers(of_run, low=0.0) for name in SUMS},
-        "robot_means": {name: Numbers(of_robot) for name in BY_ROBOT},
-        "not_arrived": Numbers(of_run, low=0, high=plan.trials, whole=True),
-        "visited": Numbers(of_run, low=0.0),
-        "asked": Numbers(of_cell, low=0.0),
-        "stays": Numbers(of_cell, low=0.0),
-        "exact": OrNull(
-            {**means, "arrived": Numbers(of_run, low=0.0, high=MOST_ARRIVED)}
-        ),
+        "reference": dict.fromkeys(reference_names(scenario), ()),
+        "means": sums,
+        "variances": sums,
+        "robot_means": dict.fromkeys(BY_ROBOT, of_robot),
+        "not_arrived": of_run,
+        "visited": of_run,
+        "asked": of_cell,
+        "stays": of_cell,
+        "exact": OrNull({**sums, "arrived": of_run}),
     }
 
 
@@ -209,13 +179,6 @@ def _scenario_data(scenario: Scenario) -> dict[str, Any]:
     """Return plain data of a scenario; settings that were not given are left to the learner."""
     data = scenario.to_dict()
     return {k: v for k, v in data.items() if k not in SETTINGS or k in scenario.given}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """Return the content of a condition's file; errors as of `read_checked`."""
-    data = read_checked(path)
-    check_form(data, CONDITION_FORM)
-    return data
 
 
 def _result(
@@ -227,60 +190,30 @@ def _result(
         path: the file, for messages.
         condition: the condition that the file's place says.
         plan: the plan of its directory.
-        data: the data, from `_read`.
+        data: the file's content.
 
     Raises:
-        DamagedError: it is of another condition or plan, or has not the form of a result.
-        ResultsError: it is of another scenario or learning protocol.
+        ResultsError: it is of another scenario, protocol or plan, or has not the form of a
+            result.
     """
-    if data["condition"] != condition.id:
-        raise DamagedError(f"it holds the result of {in_short(data['condition'])}")
     for name, wanted in asdict(plan).items():
         found = data["plan"][name]
         if found != wanted:
-            what = f"it was computed with {name} {found}"
-            raise DamagedError(f"{what}, this directory has {name} {wanted}")
+            what = (
+                f"was computed with {name} {found}, this directory has {name} {wanted}"
+            )
+            raise ResultsError(f"{path}: {what}; {REMEDY}")
     if data["computation"] != computation_digest(condition):
         raise ResultsError(
             f"{path}: was computed for another scenario or learning protocol than {condition.id} "
             "has now; results of different settings are not merged: choose another --out, or "
             "remove this file"
         )
-    check_form(data["result"], _result_form(condition.scenario, plan), "result")
-    if condition.own_scenario is None:
-        _check_references(condition.scenario, data["result"])
+    try:
+        check_form(data["result"], _result_form(condition.scenario, plan), "result")
+    except ValueError as error:
+        raise ResultsError(f"{path}: {error}; {REMEDY}") from None
     return ConditionResult(condition=condition, trials=plan.trials, **data["result"])
-
-
-ROUNDING = 1e-9
-"""Share by which a reference may differ between machines."""
-
-
-def _check_references(scenario: Scenario, said: Mapping[str, Any]) -> None:
-    """Compute optimum and shortest paths again, and compare: milliseconds.
-
-    That is done for scenarios that come with the package; those of the user may be large.
-
-    Args:
-        scenario: of the condition.
-        said: a file's data on its runs.
-
-    Raises:
-        DamagedError: the file says something else.
-    """
-    optimum = known_optimum(scenario)
-    told = {"optimum": said["optimum"], **said["reference"]}
-    known = {"optimum": optimum.value, **reference_of(scenario)}
-    for name, value in known.items():
-        if not math.isclose(told[name], value, rel_tol=ROUNDING, abs_tol=ROUNDING):
-            what = name if name == "optimum" else f"{name} of shortest paths"
-            raise DamagedError(
-                f"its {what} is {told[name]:g}, computed again {value:g}"
-            )
-    if said["optimum_exact"] != optimum.exact:
-        raise DamagedError(
-            f"its optimum_exact is {said['optimum_exact']}, it is {optimum.exact}"
-        )
 
 
 def read_results(
@@ -293,23 +226,17 @@ def read_results(
         say: hears which result is left out, as its learner's code may not be imported.
 
     Raises:
-        ResultsError: it is no results directory, or one of its files is damaged, was edited, is
-            of another condition, scenario or plan, or in another format.
+        ResultsError: it is no results directory, or one of its files is damaged, of another
+            scenario or plan, or in another format.
     """
     plan = _manifest(directory / MANIFEST)
     results = []
     folder = directory / CONDITIONS
     for file in sorted(folder.rglob("*.json")):
-        try:
-            data = _read(file)
-            with leaving_out(f"results of {file.parent.name}", say):
-                condition = _condition_at(file, folder, data["scenario"])
-                results.append(_result(file, condition, plan, data))
-        except DamagedError as damage:
-            remedy = (
-                "remove it, and the command that made this directory computes it again"
-            )
-            raise ResultsError(f"{file}: {damage}; {remedy}") from None
+        data = read_checked(file, CONDITION_FORM, REMEDY)
+        with leaving_out(f"results of {file.parent.name}", say):
+            condition = _condition_at(file, folder, data["scenario"])
+            results.append(_result(file, condition, plan, data))
     return plan, results
 
 
@@ -322,55 +249,37 @@ def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Con
         given: plain data of the scenario, where it is the user's own.
 
     Raises:
-        DamagedError: the data are no scenario, or belong to another path.
-        SparseCoordError: the path is no condition's, or its scenario or learner is unknown.
+        SparseCoordError: the path is no condition's, or its scenario or learner is unknown; the
+            data are no scenario, or belong to another path.
     """
     place = str(file.relative_to(folder))
-    scenario = None if given is None else _scenario_of(given)
+    scenario = None
+    if given is not None:
+        scenario = scenario_from_dict(given, where=str(file), name="unnamed")
     condition, _ = parse_id(place.removesuffix(".json"), scenario)
     if place != f"{condition.id}.json":
-        raise DamagedError(f"its place is {condition.id}.json")
+        raise ResultsError(f"{file}: its place is {condition.id}.json; move it there")
     return condition
-
-
-def _scenario_of(data: dict[str, Any]) -> Scenario:
-    """Return the scenario of `_scenario_data`; raise `DamagedError` if it is malformed."""
-    if not isinstance(data.get("map"), dict):
-        raise DamagedError("the scenario in it has no map")
-    try:
-        return scenario_from_dict(data, where="the scenario in it", name="unnamed")
-    except SparseCoordError as error:
-        raise DamagedError(str(error)) from None
 
 
 def _manifest(path: Path) -> Plan:
     """Return the plan that a results.json says.
 
     Raises:
-        ResultsError: it is missing or damaged, was edited, or is in another format.
+        ResultsError: it is missing or damaged, or in another format.
     """
-    try:
-        said = read_checked(path)
-        check_form(said, MANIFEST_FORM)
-    except DamagedError as damage:
-        remedy = (
-            "give the directory that 'sparse_coord reproduce' wrote, or another --out"
-        )
-        what = f"is no {MANIFEST} of this software: {damage}"
-        raise ResultsError(f"{path}: {what}; {remedy}") from None
+    remedy = "give the directory that 'sparse_coord reproduce' wrote, or another --out"
+    said = read_checked(path, MANIFEST_FORM, remedy)
     return Plan(said["seed"], said["runs"], said["trials"])
 
 
 @contextmanager
-def open_results(
-    directory: Path, plan: Plan, say: Say = lambda _: None
-) -> Iterator[Results]:
+def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
     """Create or continue a results directory, for this process alone.
 
     Args:
         directory: where it is.
         plan: seed, runs and trials of every condition in it.
-        say: hears which file is put aside, because it is damaged or belongs elsewhere.
 
     Raises:
         ResultsError: the directory holds no results, has another format or plan, or another
@@ -383,7 +292,7 @@ def open_results(
             what = f"results directory {directory}: another process is writing it"
             raise ResultsError(f"{what}; wait for it, or choose another --out")
         _check_manifest(directory, plan)
-        yield Results(directory, plan, say)
+        yield Results(directory, plan)
     finally:
         os.close(lock)
 
