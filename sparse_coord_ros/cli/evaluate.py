@@ -183,6 +183,22 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
     }
 
 
+def result_of(
+    scenario: Scenario, found: Evaluation | ExactEvaluation
+) -> dict[str, float | None]:
+    """Return what a team is worth beside robots that ignore each other and the best known."""
+    asking = shipped.shipped_asking_team(scenario)
+    return {
+        "returns": found.returns.mean,
+        "asks": found.asks.mean,
+        "miscoordinations": found.miscoordinations.mean,
+        "arrived": found.all_arrived,
+        "shortest_paths": shortest_path_reference(scenario).returns,
+        "best_asking_team": None if asking is None else asking.value,
+        "optimum": shipped.known_optimum(scenario).value,
+    }
+
+
 def paper_row(run: RunConfig) -> dict:
     """Return the paper's numbers for this run's learner; none if the game is not the paper's."""
     scenario = run.scenario
