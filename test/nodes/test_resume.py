@@ -32,8 +32,6 @@ SETTINGS = {
     "ask_cost": 0,
     "epsilon": "constant:0.5",
 }
-STEPS = 3000
-"""Of a team that is killed twice."""
 
 
 @pytest.fixture(scope="module")

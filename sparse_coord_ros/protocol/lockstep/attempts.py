@@ -21,8 +21,8 @@ from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
 from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Order, Progress
 
-KEPT_COMMON = 2
-"""Number of the newest common checkpoints that all nodes keep."""
+KEPT_COMMON = 3
+"""Number of the newest common checkpoints that all nodes keep, until a recorder has come back."""
 
 
 class WorldAttempts:
@@ -81,8 +81,8 @@ class WorldAttempts:
     def begin(self) -> None:
         """Order the team to begin, and go to the checkpoint.
 
-        It is the newest common one of world and robots, or the one before, if the recorder has
-        only that. A recorder that has neither leaves a gap in its bag.
+        It is the newest common one of world and robots that the recorder has, too. A recorder
+        that has none of them leaves a gap in its bag.
 
         Raises:
             RunError: a robot has none of the run's checkpoints, or the world's is of another run.
@@ -105,7 +105,7 @@ class WorldAttempts:
         saved = [step for step in self._store.steps() if step != BEGINNING]
         for node, said in self.said.items():
             none = node != RECORDER and said.checkpoints == (BEGINNING,)
-            if none and len(saved) >= KEPT_COMMON:
+            if none and len(saved) > 1:
                 raise RunError(
                     f"{node} has no checkpoint of this run, which is at step {saved[0]}; all is "
                     f"saved: start {node} with its parameter 'out', and all nodes with resume; "

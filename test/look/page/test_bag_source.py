@@ -622,7 +622,7 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     while player.board.get("curves") is None:
         time.sleep(0.01)
     frame = player.do(SEEK, 10**6)
-    half = read_run(bag).between(0, frame["step"])
+    half = read_run(path).between(0, frame["step"])
     # the episode that goes on is counted, too
     assert frame["counted_to"] == frame["step"]
     assert np.sum(player.board.get("asked")["robots"]) == half.asked.sum()
