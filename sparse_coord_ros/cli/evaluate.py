@@ -22,7 +22,7 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import (
     TRIALS,
