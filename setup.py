@@ -31,6 +31,7 @@ setup(
         f"{PACKAGE}.lab.driving": ["*.yaml"],
         f"{PACKAGE}.ros.nodes": ["*.yaml"],
         f"{PACKAGE}.show.page": ["static/*"],
+        f"{PACKAGE}.studies": ["*.yaml"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

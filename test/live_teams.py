@@ -117,12 +117,11 @@ def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, o
     due: dict[str, tuple[object, object]] = {
         f"{name}, in summary and diagnostics": (str(value), last[name])
         for name, value in summary.items()
-        if name in last and name not in ("messages_dropped", "steps_per_second")
+        if name in last and name != "steps_per_second"
     }
-    at = (summary["transitions"], summary["last_step"])
-    due["transitions and step, in summary and status"] = (
-        at,
-        (status.transitions, status.step),
+    due["transitions, in summary and status"] = (
+        summary["transitions"],
+        status.transitions,
     )
     if found.same:
         due["transitions, in summary and bag"] = (summary["transitions"], found.steps)

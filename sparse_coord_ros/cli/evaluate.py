@@ -22,7 +22,7 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.core.game.scenario import PAPER_MEASURES, SETTINGS
+from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import (
     TRIALS,
@@ -35,11 +35,11 @@ from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
-from sparse_coord_ros.core.solve.shipped import GAME_SETTINGS
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
 )
+from sparse_coord_ros.studies.paper import PAPER_MEASURES, paper_rows
 
 if TYPE_CHECKING:
     from sparse_coord_ros.core.solve.exact import ExactEvaluation
@@ -183,12 +183,31 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
     }
 
 
+def result_of(
+    scenario: Scenario, found: Evaluation | ExactEvaluation
+) -> dict[str, float | None]:
+    """Return what a team is worth beside robots that ignore each other and the best known."""
+    asking = shipped.shipped_asking_team(scenario)
+    return {
+        "returns": found.returns.mean,
+        "asks": found.asks.mean,
+        "miscoordinations": found.miscoordinations.mean,
+        "arrived": found.all_arrived,
+        "shortest_paths": shortest_path_reference(scenario).returns,
+        "best_asking_team": None if asking is None else asking.value,
+        "optimum": shipped.known_optimum(scenario).value,
+    }
+
+
 def paper_row(run: RunConfig) -> dict:
     """Return the paper's numbers for this run's learner; none if the game is not the paper's."""
-    defaults = SETTINGS.defaults()
-    papers = {name: defaults[name] for name in (*GAME_SETTINGS, "horizon")}
-    same = all(getattr(run.scenario, name) == value for name, value in papers.items())
-    return dict(run.scenario.paper.get(run.learner, {})) if same else {}
+    scenario = run.scenario
+    row = paper_rows().get(scenario.name, {}).get(run.learner, {})
+    if not row:
+        return {}
+    papers = load_scenario(scenario.name)
+    same = shipped.game_digest(scenario) == shipped.game_digest(papers)
+    return dict(row) if same and scenario.horizon == papers.horizon else {}
 
 
 def result_table(found: Sequence[Evaluated]) -> str:

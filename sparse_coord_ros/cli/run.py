@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.evaluate import evaluation_of
+from sparse_coord_ros.cli.evaluate import evaluation_of, result_of
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import last_word
@@ -150,6 +150,8 @@ def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[s
 def _lines(
     options: argparse.Namespace, out: Path, summary: dict[str, Any]
 ) -> Iterator[str]:
+    from sparse_coord_ros.ros.nodes.outputs import add_result
+
     yield from _counted(options, summary)
     saved = (out / TEAM_FILE).exists()
     interrupted = summary["interrupted"]
@@ -165,4 +167,5 @@ def _lines(
         run = load_run(out)
         tables = load_team(out, run.scenario, run.rule)
         found = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
+        add_result(out, result_of(run.scenario, found))
         yield last_word(run.scenario, run.rule, found).text

@@ -8,6 +8,7 @@ from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.paper import paper_rows
 
 PAPER_SETTINGS = (("penalty", "-20"),)
 """Settings of the conditions that the paper's Tables 1 to 3 show."""
@@ -22,7 +23,9 @@ def paper(result: ConditionResult, measure: str) -> Measure | None:
     The standard error is that of the paper's trials, the robots of one trial being taken as
     wholly dependent.
     """
-    row = result.scenario.paper.get(result.condition.learner, {})
+    row = paper_rows().get(result.scenario.name, {}).get(result.condition.learner, {})
+    if result.condition.own_scenario is not None:
+        return None
     if result.condition.settings != PAPER_SETTINGS or measure not in row:
         return None
     mean, spread = row[measure]

@@ -20,7 +20,11 @@ from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.shipped import shipped_best_team
 from sparse_coord_ros.show.charts import rendered
 from sparse_coord_ros.studies.catalogue import Experiment
-from sparse_coord_ros.studies.compared import best_asking_team, by_scenario, paper
+from sparse_coord_ros.studies.compared import (
+    best_asking_team,
+    by_scenario,
+    paper,
+)
 from sparse_coord_ros.studies.condition_result import (
     BY_ROBOT,
     SUMS,
@@ -28,8 +32,8 @@ from sparse_coord_ros.studies.condition_result import (
     standard_error,
 )
 from sparse_coord_ros.studies.figures import figures_of
+from sparse_coord_ros.studies.paper import PAPER_MEASURES
 
-PAPER = ("returns", "time_to_goal", "miscoordinations")
 """Measures that the paper prints."""
 
 PROPERTIES = (
@@ -164,7 +168,8 @@ def _row(result: ConditionResult) -> dict[str, Any]:
     team = shipped_best_team(scenario)
     exact = result.exact or dict.fromkeys((*SUMS, "arrived"), [math.nan])
     found = {
-        name: paper(result, name) or Measure(math.nan, math.nan, 0) for name in PAPER
+        name: paper(result, name) or Measure(math.nan, math.nan, 0)
+        for name in PAPER_MEASURES
     }
     return {
         "id": result.id,
@@ -178,7 +183,7 @@ def _row(result: ConditionResult) -> dict[str, Any]:
         "paper": {
             name: {"mean": m.mean, "spread": m.spread} for name, m in found.items()
         },
-        "shortest_path": {name: result.reference[name] for name in PAPER},
+        "shortest_path": {name: result.reference[name] for name in PAPER_MEASURES},
         **{name: getattr(result, name) for name in PROPERTIES},
         **{
             f"{name}_robot": dict(enumerate(own, start=1))

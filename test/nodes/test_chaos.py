@@ -45,7 +45,6 @@ def test_counts_that_contradict_one_another_are_named(tmp_path):
             {"miscoordinations": 99},
             ["miscoordinations, and those", "miscoordinations, in summ"],
         ),
-        ({"last_step": 5}, ["transitions and step, in summary and status"]),
         (
             {"asks": {"robot_1": dict.fromkeys(ASKS, 99)}},
             ["how often robot_1 asked, and history"],

@@ -7,6 +7,7 @@ import signal
 import subprocess
 
 import pytest
+import yaml
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.cli import live
@@ -113,3 +114,24 @@ def test_a_signal_that_all_processes_heard_is_an_interrupt(started, signalled):
         stop.handle(signal.SIGINT, None)
     summary, _ = started(stop, world_simulator=True, robot_1=True, robot_2=True)
     assert summary["interrupted"] is signalled
+
+
+def test_the_summary_says_the_result_and_how_to_repeat_it(start, tmp_path):
+    out = tmp_path / "out"
+    words = ["env1", "--steps", "300", "--seed", "7", "--no-record", "--out", str(out)]
+    process = start("cli.main", "run", *words)
+    assert process.exit_code() == 0, process.output
+    summary = yaml.safe_load((out / "summary.yaml").read_text())
+    assert summary["repeat"] == (
+        "sparse_coord train env1 --learner coop --seed 7 --set steps=300"
+    )
+    assert list(summary["result"]) == [
+        "returns",
+        "asks",
+        "miscoordinations",
+        "arrived",
+        "shortest_paths",
+        "best_asking_team",
+        "optimum",
+    ]
+    assert summary["result"]["optimum"] == pytest.approx(121.886, abs=0.001)

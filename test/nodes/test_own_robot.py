@@ -20,7 +20,7 @@ def test_a_run_with_a_robot_of_ones_own(bench, tmp_path):
     own = bench.add(kind(context=bench.place()[0], cli_args=NAME))
     bench.spin_until_done(world, peer)
     assert own.over and own.transitions == 150
-    assert world.summary()["timeouts"] == world.summary()["stale_actions"] == 0
+    assert world.lockstep.timeouts == world.lockstep.stale == 0
     for node in (world, peer, own):
         bench.destroy(node)
     bench.spin_until_done(recorder)

@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -61,7 +61,7 @@ class GridMap:
     rows: tuple[str, ...]
     title: str = ""
     source: str = ""
-    provenance: str = ""
+    provenance: str = field(default="", compare=False)
     resolution: float | None = None
     origin: tuple[float, float] = (0.0, 0.0)
     radius: float = 0.0
@@ -175,12 +175,13 @@ class GridMap:
 
     def to_text(self) -> str:
         """Return the map as the text of a map file; `parse_map` reads it back."""
-        said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}
+        texts = {name: getattr(self, name) for name in HEADER_TEXTS}
+        said: dict[str, Any] = {name: text for name, text in texts.items() if text}
         if self.resolution is not None:
             said |= {"resolution": self.resolution, "origin": list(self.origin)}
         if self.radius:
             said["radius"] = self.radius
-        header = to_yaml(said)
+        header = to_yaml(said) if said else ""
         return header + "---\n" + "\n".join(self.rows) + "\n"
 
 

@@ -15,7 +15,6 @@ from sparse_coord_ros.base.errors import (
     ScenarioError,
     SettingError,
     did_you_mean,
-    in_short,
 )
 from sparse_coord_ros.base.files import path_argument, read_text
 from sparse_coord_ros.base.share import share_file, share_names
@@ -121,7 +120,6 @@ class Scenario:
     name: str
     map: GridMap
     robots: tuple[Robot, ...]
-    paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
     steps: int = setting(10_000, "learning steps of each robot", low=1, high=10**7)
     goal_reward: float = setting(
         10.0, "r^I paid on arrival and each step after it", low=0, high=LARGEST
@@ -320,21 +318,21 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
         place = {x: list(position) for x, position in enumerate(self.map.cells)}
+        grid = replace(self.map, provenance="")
         return {
             "name": self.name,
-            "map": {"name": self.map.name, "text": self.map.to_text()},
+            "map": {"name": self.map.name, "text": grid.to_text()},
             "robots": {
                 r.name: {"start": place[r.start], "goal": place[r.goal]}
                 for r in self.robots
             },
             **self.plain_settings,
-            "paper": {learner: dict(row) for learner, row in self.paper.items()},
         }
 
     def computation(self) -> dict[str, Any]:
         """Return plain data of everything that affects the computation, for digests.
 
-        Left out are names, provenance and the paper's rows.
+        Left out are names and where the map comes from.
         """
         return {
             "map": list(self.map.rows),
@@ -370,9 +368,7 @@ LARGEST_TEAM = 53
 """Most robots: a reward names those that interact by the sum of 2^k, a float64."""
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")
-PAPER_LEARNERS = ("indiv", "noncoop", "coop")
-PAPER_MEASURES = ("returns", "time_to_goal", "miscoordinations")
-FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
+FILE_KEYS = ("name", "map", "robots", *SETTINGS)
 
 
 PARAMETERS = "params"
@@ -476,10 +472,9 @@ def scenario_from_dict(
         allowed = "up to 100 letters, digits, '_', '-' and '.'; rename the scenario (or its file)"
         raise ScenarioError(f"{where}: field 'name' is {name!r}, allowed: {allowed}")
     robots = _robots(data.get("robots"), grid, where)
-    paper = _paper(data.get("paper", {}), where)
     try:
         given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
-        return Scenario(name, grid, robots, paper, **given, given=frozenset(given))
+        return Scenario(name, grid, robots, **given, given=frozenset(given))
     except SettingError as error:
         raise ScenarioError(f"{where}: {error}") from None
 
@@ -560,24 +555,3 @@ def _cell(value: object, grid: GridMap, where: str) -> int:
         f"[row, column] of a free cell of its {rows} x {columns} grid, counted from 0 at the top "
         "left"
     )
-
-
-def _paper(value: Any, where: str) -> dict[str, dict[str, Any]]:
-    """Check the paper's rows: learner -> measure -> [mean, spread]."""
-    rows: dict[str, Any] = value if isinstance(value, dict) else {"": value}
-    for learner, row in rows.items():
-        for measure, pair in row.items() if isinstance(row, dict) else [("", row)]:
-            numbers = isinstance(pair, list) and all(
-                isinstance(v, int | float) for v in pair
-            )
-            known = learner in PAPER_LEARNERS and measure in PAPER_MEASURES
-            if not known or not numbers or len(pair) != 2:
-                field = ": ".join(
-                    str(name) for name in ("paper", learner, measure) if name != ""
-                )
-                raise ScenarioError(
-                    f"{where}: {field} is {in_short(pair)}; allowed: for each of "
-                    f"{', '.join(PAPER_LEARNERS)}: {', '.join(PAPER_MEASURES)}, each [mean, "
-                    "spread]"
-                )
-    return rows

@@ -430,7 +430,7 @@ def scenario_of(
         SettingError: a bad setting.
     """
     for key in given:
-        if key in ("map", "robots", "name", "paper"):
+        if key in ("map", "robots", "name"):
             raise ScenarioError(
                 f"--set {key}: is no setting; give it by an option of its own"
             )

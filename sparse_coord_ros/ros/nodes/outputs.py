@@ -88,6 +88,13 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     }
 
 
+def add_result(out: Path, result: Mapping[str, float | None]) -> None:
+    """Put what a learned team is worth at the beginning of `summary.yaml`."""
+    path = out / SUMMARY_FILE
+    summary = yaml_value(read_text(path, RunError, "remove it"), where=str(path))
+    write_whole(path, to_yaml({"result": dict(result), **summary}))
+
+
 def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     """Return the run to resume: the one in the output directory.
 

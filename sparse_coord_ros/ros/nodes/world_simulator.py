@@ -20,6 +20,7 @@ from sparse_coord_ros.core.game.game import Game
 from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
+from sparse_coord_ros.core.runs.repeating import repeating_command
 from sparse_coord_ros.core.runs.run_config import RUN_FILE
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
@@ -399,17 +400,14 @@ class WorldSimulator(ParameterNode):
             "transitions": self.lockstep.world.transitions,
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
-            "messages_dropped": self.subscriber.total,
         }
 
     def summary(self) -> dict[str, Any]:
-        """Return the run's summary as plain data."""
+        """Return the run's summary as plain data; `repeat`: the command that computes it again."""
         return {
+            "repeat": repeating_command(self.run),
             **self._counts(),
             "episodes": self.lockstep.world.episode + 1,
-            "last_step": self.lockstep.world.step,
-            "stale_actions": self.lockstep.stale,
-            "rate": self.values["rate"],
             **({} if self.bodies is None else self.bodies.summary()),
             **self.speed.summary(),
         }
@@ -420,6 +418,7 @@ class WorldSimulator(ParameterNode):
         rate, moved = self.speed.report(now)
         values = {
             **self._counts(),
+            "messages_dropped": self.subscriber.total,
             "budget": run.scenario.steps,
             "steps_per_second": f"{rate:.0f}",
             "episode": world.episode + 1,
