@@ -9,8 +9,6 @@ change if the peer is perceived there. Each own cell has one more row, for faile
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from sparse_coord_ros.base.compiling import inlined, inner
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.learners.mind import NO_ROW, find
@@ -37,36 +35,6 @@ def rho_key(cell: int, peer: int, peer_cell: int, cells: int, robots: int) -> in
 def failed_key(cell: int, cells: int, robots: int) -> int:
     """Return the key of the row of failed percepts of a cell; of cell number `cells` the end."""
     return cells * robots * cells + cell
-
-
-def states_of(keys: np.ndarray, cells: int, robots: int) -> np.ndarray:
-    """Return the states that the keys of rho stand for: shape (rows, 3), int64.
-
-    Args:
-        keys: of rows, shape (rows,).
-        cells: of the map.
-        robots: number of robots.
-
-    Returns:
-        The own cell, the peer (from 0) and its cell; twice `NOT_PERCEIVED` for a failed percept.
-    """
-    seen = keys < failed_key(0, cells, robots)
-    own, rest = np.divmod(keys, robots * cells)
-    peer, place = np.divmod(rest, cells)
-    columns = [
-        np.where(seen, own, keys - failed_key(0, cells, robots)),
-        np.where(seen, peer, NOT_PERCEIVED),
-        np.where(seen, place, NOT_PERCEIVED),
-    ]
-    return np.stack(columns, axis=1)
-
-
-def key_of(state: tuple[int, int, int], cells: int, robots: int) -> int:
-    """Return the key of a row of rho from its state, as of `states_of`."""
-    cell, peer, place = state
-    if peer == NOT_PERCEIVED:
-        return failed_key(cell, cells, robots)
-    return rho_key(cell, peer, place, cells, robots)
 
 
 # Values.
