@@ -244,9 +244,7 @@ def test_checkpoints_to_which_the_team_never_goes_back_are_removed(
     assert store.steps() == [120, 80, 0]
 
 
-@pytest.mark.parametrize(
-    "damage", ["cut", "flipped", "empty", "robot_2_80", "robot_1_40"]
-)
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
 def test_a_broken_file_is_named_and_an_earlier_one_is_used(
     tmp_path, run, played, damage
 ):
@@ -255,16 +253,14 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(
     path = tmp_path / "checkpoint" / "robot_1_80.npz"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
-    other = path.with_name(f"{damage}.npz")
     damages = {"cut": data[:300], "flipped": data, "empty": b""}
-    path.write_bytes(other.read_bytes() if other.exists() else damages[damage])
+    path.write_bytes(damages[damage])
     store = Checkpoints(tmp_path, "robot_1", run)
     assert store.steps() == [40, 0]
     assert store.steps() == [40, 0]
     (line,) = store.broken
     assert "robot_1_80.npz: cannot be read as a checkpoint" in line
     assert line.endswith("; an earlier one is used")
-    assert not other.exists() or f"(it is that of {damage})" in line
 
 
 @pytest.mark.parametrize(

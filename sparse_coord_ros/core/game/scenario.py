@@ -348,7 +348,7 @@ class Scenario:
 
 
 SETTINGS = settings_of(Scenario)
-"""Every setting of a scenario that `--set` and the `set` parameter can change."""
+"""Every setting of a scenario that `--set` and parameters of the world can change."""
 
 
 def dense_nbytes(cells: int, agents: int) -> int:

@@ -5,7 +5,6 @@
 World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
 directory `checkpoint` of the output directory. A team continues from the newest step for which
 all nodes have a file: the last common checkpoint. Step 0 is the run's beginning, without a file.
-A file contains its name (`name`), within its digest: under another name it is not a checkpoint.
 """
 
 from collections.abc import Iterable, Mapping
@@ -200,19 +199,14 @@ class Checkpoints(CheckpointStore):
 
     def _write(self, step: int, arrays: Mapping[str, np.ndarray]) -> None:
         path = self._path(step)
-        named = {**arrays, "name": np.array(path.stem)}
-        data = checkpoint_bytes.pack(self._run.digest, named)
+        data = checkpoint_bytes.pack(self._run.digest, arrays)
         write_whole(path, data, sync=True)
 
     def _read(self, step: int) -> dict[str, np.ndarray]:
         path = self._path(step)
         run = self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        arrays = checkpoint_bytes.read(path, run.digest, said=said)
-        name = str(arrays.pop("name", ""))
-        if name != path.stem:
-            raise checkpoint_bytes.broken(path, f"it is that of {name}")
-        return arrays
+        return checkpoint_bytes.read(path, run.digest, said=said)
 
 
 def steps_of(folder: Path, node: str) -> list[int]:
