@@ -222,28 +222,20 @@ def percept_form(robots: int) -> MessageForm:
     )
 
 
-def grid_form(frame: Frame, due: bytes | None = None) -> MessageForm:
-    """Return the form of an occupancy grid on the map: its `data`, southmost first.
-
-    Args:
-        frame: the run's frame.
-        due: the required data, which then are not a column; None: any data.
-    """
+def grid_form(frame: Frame) -> MessageForm:
+    """Return the form of an occupancy grid on the map: its `data`, southmost first."""
     rows, columns = frame.grid.shape
     count = rows * columns
     size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
-    data = Free("data", f"({count},)i1") if due is None else Fixed(f"V{count}", due)
     items = [
         *nothing("<i4", "<u4"),
         *size,
         *place_at(*frame.origin),
         Fixed("<u4", count),
-        data,
+        Free("data", f"({count},)i1"),
     ]
-    column = [("data", "i1", (count,))] if due is None else []
-    return MessageForm(
-        np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)]
-    )
+    layout = Layout([*header(), *items])
+    return MessageForm(np.dtype([NS, ("data", "i1", (count,))]), [(layout, by_name)])
 
 
 CUBE = 1
