@@ -10,25 +10,22 @@ python studies/shipped.py unseen [--restarts N]
 asking: the best asking teams of the paper's scenarios, and of those that teach an interaction;
 every search is kept in FOLDER and goes on from there. kinds: those of the benchmark's lists
 with other interactions. teams: the best learned team of each crowd, judged by fresh trials.
-unseen: the buildings of the benchmark, and their asking teams. Of each kind and team, seeds are
-looked at from 0 on, and the first with a real conflict are taken: what a planner with full
-sight is worth is above shortest paths by more than `CONFLICT`. `--scenarios` takes some of the
-scenarios, `--config` writes into copies of the files in another folder.
+unseen: the asking teams of the benchmark's buildings (`studies/unseen.py` chooses them).
+`--scenarios` takes some of the scenarios, `--config` writes into copies of the files in another
+folder.
 """
 
 import argparse
 import json
 from dataclasses import asdict
 from datetime import UTC, datetime
-from itertools import chain, count, product
+from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, VERSIONS, split_of
-from sparse_coord_ros.core.solve.routes import route_plan
-from sparse_coord_ros.core.solve.shipped import BestTeam, game_digest
+from sparse_coord_ros.core.solve.shipped import BestTeam, game_digest, unseen_buildings
 from sparse_coord_ros.studies.lists import LISTS, PENALTY
 
 CONFIG = Path(__file__).parents[1] / "config"
@@ -45,18 +42,12 @@ FRESH = 10**9
 FEW = 5
 """Learned teams that are judged by fresh trials."""
 
-COUNTS = {2: 4, 4: 2, 8: 1}
-TEST_COUNTS = {2: 6, 4: 4, 8: 2}
-"""Buildings of each kind, by robots: for tuning and validation each, and for the test."""
 
-CONFLICT = 1.0
-
-
-def write(file: Path, entries: dict[str, object], *, afresh: bool = False) -> None:
-    """Write entries into a file, one line each; what else it has stays, unless `afresh`."""
+def write(file: Path, entries: dict[str, object]) -> None:
+    """Write entries into a file, one line each; what else it has stays."""
     said = json.loads(file.read_text("utf-8"))
     *head, key = said
-    kept = entries if afresh else said[key] | entries
+    kept = said[key] | entries
     lines = [f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in kept.items()]
     heads = "".join(
         f"{json.dumps(name)}: {json.dumps(said[name])},\n " for name in head
@@ -128,44 +119,12 @@ def teams(options) -> None:
 
 
 def unseen(options) -> None:
-    """Choose the buildings of the benchmark; search for the asking teams of two robots."""
-    chosen = {}
-    for version, robots, kind in product(VERSIONS, TEAMS, KINDS):
-        if options.scenarios and f"{version}-{kind}-{robots}r" not in options.scenarios:
-            continue
-        for scenario, facts in with_conflict(version, kind, robots):
-            print(scenario.name, facts, flush=True)
-            chosen[scenario.name] = {"game": game_digest(scenario), **facts}
-            if robots == 2:
-                add_asking_team(scenario, options)
-    write(options.config / "unseen.json", chosen, afresh=not options.scenarios)
-
-
-def with_conflict(version: str, kind: str, robots: int):
-    """Yield the buildings of a kind with their reference values, in the order of their seeds."""
-    counts = dict.fromkeys(SPLITS[:2], COUNTS[robots])
-    if version == VERSIONS[1]:
-        counts = {SPLITS[2]: TEST_COUNTS[robots]}
-    for seed in count():
-        if not any(counts.values()):
-            return
-        name = f"{version}-{kind}-{robots}r-{seed}"
-        if not counts.get(split_of(name)):
-            continue
+    """Search for the asking teams of the benchmark's buildings of two robots."""
+    for name in unseen_buildings():
         scenario = sc.load_scenario(name)
-        paths = sc.shortest_paths(scenario).returns
-        optimum = sc.optimum(scenario)
-        facts: dict[str, object] = {"shortest_paths": paths}
-        best = optimum.value
-        if optimum.exact:
-            facts["optimum"] = best
-        if robots > 2:
-            plan = route_plan(scenario)
-            facts["routes"] = asdict(plan)
-            best = plan.value
-        if best > paths + CONFLICT:
-            counts[split_of(name)] -= 1
-            yield scenario, facts
+        wanted = not options.scenarios or name in options.scenarios
+        if wanted and len(scenario.robots) == 2:
+            add_asking_team(scenario, options)
 
 
 FINDERS = {"asking": asking, "kinds": kinds, "teams": teams, "unseen": unseen}

@@ -36,6 +36,10 @@ RUNS = {
         "teams --scenarios crowd-4r --teams 2 --steps 20 --trials 2 --config config",
         "best of 2 that learned",
     ),
+    "unseen.py": (
+        "--kinds unseen1-loop-4r --searched 2 --judged 2 --config config",
+        "unseen1-loop-4r-0",
+    ),
     "when.py": (
         "--maps isr unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv",
         "best asking team found",

@@ -37,7 +37,6 @@ from sparse_coord_ros.core.solve.shipped import (
     BOUND,
     shipped_asking_team,
     shipped_best_team,
-    shipped_routes,
 )
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
@@ -87,11 +86,9 @@ def execute(options: argparse.Namespace) -> None:
     paths = shortest_path_reference(scenario)
     shipped = shipped_asking_team(scenario)
     team = shipped_best_team(scenario)
-    routes = shipped_routes(scenario)
     facts = {"scenario": scenario.name, **asdict(optimum)}
     facts |= {"robots_alone": bound}
     facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}
-    facts |= {"route_planner": routes}
     known = {"exact joint optimum": "not computed: too many joint states"}
     if optimum.joint_states > MOST_JOINT_STATES:
         limit = f"more than {MOST_JOINT_STATES} joint states"
@@ -102,11 +99,6 @@ def execute(options: argparse.Namespace) -> None:
         known["best asking team found"] = f"{shipped.value:.2f}, {WARNING}"
     if team is not None:
         known["best learned team"] = str(team)
-    if routes is not None:
-        estimate = f"{routes.value:.2f} ({routes.standard_error:.2f})"
-        known["route planner"] = (
-            f"{estimate}, if one controller saw all robots for free"
-        )
     known[BOUND] = f"{bound:.2f}"
     known["fixed shortest paths"] = paths.in_words()
     if not paths.exact:

@@ -10,7 +10,6 @@ Free cells are numbered row by row from the top left; that number is a robot's l
 
 import math
 import os
-from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -185,13 +184,12 @@ class GridMap:
         return header + "---\n" + "\n".join(self.rows) + "\n"
 
 
-def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.ndarray:
-    """Return the moves from each cell to a goal through no avoided cell; -1: there is no way.
+def moves_to(lead: np.ndarray, goal: int) -> np.ndarray:
+    """Return the moves from each cell to a goal; -1: there is no way.
 
     Args:
         lead: where a successful move leads, shape (cells, moves).
         goal: the cell to go to.
-        avoided: cells to keep out of.
 
     Returns:
         Shape (cells,), int64.
@@ -200,8 +198,6 @@ def moves_to(lead: np.ndarray, goal: int, avoided: Collection[int] = ()) -> np.n
     for x, row in enumerate(lead.tolist()):
         for y in row:
             origins[y].append(x)
-    for x in avoided:
-        origins[x] = []
     far = [UNREACHABLE] * len(lead)
     far[goal] = 0
     reached = [goal]

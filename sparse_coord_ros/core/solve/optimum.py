@@ -206,9 +206,7 @@ def independent_bound(scenario: Scenario) -> float:
     return float(np.mean(value_alone(scenario, far)))
 
 
-def value_alone(
-    scenario: Scenario, far: np.ndarray, *, moved: bool = False
-) -> np.ndarray:
+def value_alone(scenario: Scenario, far: np.ndarray) -> np.ndarray:
     """Return the value of a robot alone in the world, by the moves to its goal.
 
     The time to goal T is negative binomial, and the goal pays goal_reward / (1 - gamma) *
@@ -217,17 +215,15 @@ def value_alone(
     Args:
         scenario: the problem.
         far: moves to the goal; negative: no way.
-        moved: the value as a step ends there that is yet to be paid, not as one begins: at the
-            goal it has just arrived.
 
     Returns:
         Shape of `far`.
     """
     gamma = scenario.discount
     p = scenario.move_success
-    later = gamma ** np.maximum(far if moved else far - 1, 0)
+    later = gamma ** np.maximum(far - 1, 0)
     value = scenario.arrival_value * later * (p / (1.0 - gamma * (1.0 - p))) ** far
-    return np.where(far < (0 if moved else 1), 0.0, value)
+    return np.where(far < 1, 0.0, value)
 
 
 def successors(scenario: Scenario, k: int) -> np.ndarray:

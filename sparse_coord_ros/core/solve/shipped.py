@@ -12,8 +12,7 @@ best of many learned teams, found again by `train` with the same learner, settin
 are shipped for the paper's scenarios.
 
 The unseen buildings (`core.game.unseen`) with a real conflict are shipped too: with two robots
-their joint optimum and the best asking team found, with more the team of a planner that sees all
-robots for free (`core.solve.routes`).
+their joint optimum and the best asking team found, with more an upper bound.
 """
 
 import hashlib
@@ -27,7 +26,6 @@ from typing import Any
 from sparse_coord_ros.base.share import shipped_json
 from sparse_coord_ros.core.game.scenario import Scenario, loaded
 from sparse_coord_ros.core.solve.optimum import Optimum, joint_optimum
-from sparse_coord_ros.core.solve.routes import RoutePlan
 
 UNSEEN = "unseen.json"
 
@@ -154,16 +152,6 @@ def unseen_buildings() -> tuple[str, ...]:
     return tuple(shipped_json(UNSEEN)["buildings"])
 
 
-def shipped_routes(scenario: Scenario) -> RoutePlan | None:
-    """Return the route planner's plan for the very same game, or None."""
-    routes = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("routes")
-    if routes is None:
-        return None
-    order = tuple(routes["order"])
-    avoided = tuple(map(tuple, routes["avoided"]))
-    return RoutePlan(**{**routes, "order": order, "avoided": avoided})
-
-
 def known_optimum(scenario: Scenario) -> Optimum:
     """Return the joint optimum, or its bound; shipped where it takes long to compute."""
     value = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("optimum")
@@ -203,7 +191,6 @@ def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     known = {
         "best asking team found": shipped_asking_team(scenario),
         "best learned team": shipped_best_team(scenario),
-        "route planner": shipped_routes(scenario),
         last: optimum,
     }
     return [(name, one.value) for name, one in known.items() if one is not None]

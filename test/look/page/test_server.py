@@ -105,7 +105,7 @@ def test_every_yardstick_is_explained_and_only_bounds_are_called_so():
     ]
     scenarios += [one.with_settings({"penalty": -100}) for one in scenarios]
     names = {name for one in scenarios for name, _ in yardsticks(one)}
-    assert names == set(told) and len(names) == 5
+    assert names == set(told) and len(names) == 4
     for name, words in told.items():
         is_bound = name in ("exact joint optimum", "bound (robots alone)")
         assert ("no team has a higher value" in words) == is_bound

@@ -91,7 +91,6 @@ export function dialoguePanel(run, { entries = [], since = null }) {
 const YARDSTICKS = {
   "best asking team found": "the best found by a search whose robots see each other only by asking; better ones may exist",
   "best learned team": "the best of many teams that learned; better ones may exist",
-  "route planner": "the team of a planner that sees all robots for free; better ones may exist",
   "exact joint optimum": "every robot sees all others for free: no team has a higher value",
   "bound (robots alone)": "each robot alone in the world: no team has a higher value",
 };

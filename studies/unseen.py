@@ -1,33 +1,51 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A planner for teams too large for exact planning: routes, an order, and one step looked ahead.
+"""Choose the benchmark's unseen buildings: config/unseen.json.
 
-It sees all robots at all times, for free. In each step robots choose one after the other: those in
-a doorway first, then by their order. Each takes the move with the largest value of a robot alone
-on its route, less the team's expected loss by miscoordinations with the others. A route is a set
-of doorways that the robot avoids. A local search finds order and routes, by trials with the same
+python studies/unseen.py [--kinds KIND...] [--config FOLDER]
+
+Of each kind and team, seeds are looked at from 0 on, and the first with a real conflict are
+taken: what a planner with full sight is worth is above shortest paths by more than `CONFLICT`.
+`--kinds` chooses anew for some of `unseen1-door-4r` and so on, `--config` writes into a copy of
+the file in another folder. `studies/shipped.py unseen` then searches for the asking teams.
+
+Of two robots the planner is the joint optimum. More robots are too many for it: they plan routes
+and an order, and look one step ahead. In each step robots choose one after the other: those in a
+doorway first, then by their order. Each takes the move with the largest value of a robot alone on
+its route, less the team's expected loss by miscoordinations with the others. A route is a set of
+doorways that the robot avoids. A local search finds order and routes, by trials with the same
 draws, and whether doorways side by side are for one robot at a time. A team with full sight can
 reach the result; it is not a bound.
 """
 
+import argparse
 import functools
+import json
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from itertools import count, product
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+import sparse_coord_ros as sc
 from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
-from sparse_coord_ros.core.game.interactions import (
-    NOWHERE,
-    check_only_together,
-    interactions_of,
-    meet,
-)
-from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.solve.optimum import value_alone
+from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of, meet
+from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, VERSIONS, split_of
+from sparse_coord_ros.core.solve.shipped import game_digest
+
+CONFIG = Path(__file__).parents[1] / "config"
+
+COUNTS = {2: 4, 4: 2, 8: 1}
+TEST_COUNTS = {2: 6, 4: 4, 8: 2}
+"""Buildings of each kind, by robots: for tuning and validation each, and for the test."""
+
+CONFLICT = 1.0
+
+RESTARTS = 4
+"""How often the search begins anew; first with shortest paths for all."""
 
 SEARCHED = 400
 """Trials by which the search judges a plan, all with the same draws."""
@@ -35,34 +53,18 @@ SEARCHED = 400
 JUDGED = 10_000
 """Other trials, by which the best plan is judged."""
 
-TRIALS_AT_ONCE = 1000
-"""Trials played at once: their draws are held in memory."""
-
 LEAST_GAIN = 0.01
 """A change is kept that is better by more."""
 
 
-@dataclass(frozen=True)
-class RoutePlan:
-    """The planner's result for a team.
+class TeamPlan(NamedTuple):
+    """What the search changes.
 
     Attributes:
-        value: total discounted reward from the scenario's starts, averaged over the robots.
-        standard_error: of the trials.
         order: numbers of the robots (from 0), first the one that chooses first.
-        avoided: of each robot, the doorways that it keeps out of: cell numbers, ascending.
+        avoided: of each robot, the doorways that it keeps out of.
         one_at_a_time: whether doorways side by side are taken for one.
     """
-
-    value: float
-    standard_error: float
-    order: tuple[int, ...]
-    avoided: tuple[tuple[int, ...], ...]
-    one_at_a_time: bool
-
-
-class TeamPlan(NamedTuple):
-    """The part of a plan that the search changes; attributes as of `RoutePlan`."""
 
     order: tuple[int, ...]
     avoided: tuple[frozenset[int], ...]
@@ -93,7 +95,7 @@ class Routed(NamedTuple):
         claims: places for one robot at a time, in the form of `places`.
         starts, goals: of each robot; (robots,).
         after: value of a robot alone on its route at the end of a step; (robots, cells).
-        order: as of `RoutePlan`; (robots,).
+        order: as of `TeamPlan`; (robots,).
         toll: sum of r^C over the robots.
         prize: value of an arrival, for ever.
         discount: gamma.
@@ -113,26 +115,14 @@ class Routed(NamedTuple):
     success: float
 
 
-def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> RoutePlan:
-    """Search for order and routes; the first restart begins with shortest paths for all.
-
-    Args:
-        scenario: the problem.
-        restarts: how often to begin anew, in a random order.
-        seed: of every random draw.
-
-    Raises:
-        SettingError: robots swap or block, which the planner does not foresee.
-    """
-    check_only_together(
-        scenario, "route planner", "the joint optimum knows all interactions"
-    )
+def planned(scenario, options) -> float:
+    """Search for order and routes; return the mean return of other trials, a robot's."""
     team = len(scenario.robots)
     doorways = sorted(scenario.map.doorways)
     found: list[tuple[float, TeamPlan]] = []
-    for restart in range(restarts):
-        rng = np.random.default_rng([seed, restart])
-        draws = rng.random((SEARCHED, scenario.horizon, team))
+    for restart in range(RESTARTS):
+        rng = np.random.default_rng([0, restart])
+        draws = rng.random((options.searched, scenario.horizon, team))
         order = rng.permutation(team).tolist() if restart else range(team)
         ways = TeamPlan(tuple(order), (frozenset(),) * team)
         best = float(returns_of(scenario, ways, draws).mean())
@@ -149,22 +139,12 @@ def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> Route
                     break
         found.append((best, ways))
     _, ways = max(found, key=lambda one: one[0])
-    rng = np.random.default_rng([seed, restarts])
-    fresh = (
-        rng.random((TRIALS_AT_ONCE, scenario.horizon, team))
-        for _ in range(JUDGED // TRIALS_AT_ONCE)
-    )
-    means = np.concatenate([returns_of(scenario, ways, draws) for draws in fresh])
-    return RoutePlan(
-        value=float(means.mean()),
-        standard_error=float(means.std(ddof=1) / len(means) ** 0.5),
-        order=ways.order,
-        avoided=tuple(tuple(sorted(one)) for one in ways.avoided),
-        one_at_a_time=ways.one_at_a_time,
-    )
+    rng = np.random.default_rng([0, RESTARTS])
+    fresh = rng.random((options.judged, scenario.horizon, team))
+    return float(returns_of(scenario, ways, fresh).mean())
 
 
-def returns_of(scenario: Scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndarray:
+def returns_of(scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndarray:
     """Play trials of a plan; return the team's mean return in each.
 
     Args:
@@ -192,22 +172,31 @@ def returns_of(scenario: Scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndar
     return returns
 
 
-def alone(scenario: Scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
+def alone(scenario, avoided: Sequence[Collection[int]]) -> np.ndarray:
     """Return the values of robots alone after a step to each cell: (robots, cells).
 
     Args:
         scenario: the problem.
         avoided: of each robot, the cells that it keeps out of.
     """
-    goals = [robot.goal for robot in scenario.robots]
-    far = [
-        moves_to(scenario.map.next_cell, *one)
-        for one in zip(goals, avoided, strict=True)
-    ]
-    return value_alone(scenario, np.array(far), moved=True)
+    lead = scenario.map.next_cell
+    far = []
+    for robot, closed in zip(scenario.robots, avoided, strict=True):
+        # A move into a closed cell leads nowhere.
+        kept = np.where(
+            np.isin(lead, list(closed)), np.arange(len(lead))[:, None], lead
+        )
+        far.append(moves_to(kept, robot.goal))
+    moves = np.array(far)
+    gamma = scenario.discount
+    p = scenario.move_success
+    # The moves take a negative binomial time.
+    value = scenario.arrival_value * gamma ** np.maximum(moves, 0)
+    value = value * (p / (1.0 - gamma * (1.0 - p))) ** moves
+    return np.where(moves < 0, 0.0, value)
 
 
-def passages(scenario: Scenario) -> np.ndarray:
+def passages(scenario) -> np.ndarray:
     """Return the passage of each cell, its least doorway, or `NOWHERE`; shape (cells,), int64."""
     found: np.ndarray = interactions_of(scenario).places
     lead = scenario.map.next_cell
@@ -330,3 +319,55 @@ def play(
 def compiled() -> Callable[..., None]:
     """Return the loop compiled by numba, or as plain Python where it is not installed."""
     return jit([play])[0] if has_numba() else play
+
+
+def chosen(version: str, kind: str, robots: int, options):
+    """Yield the buildings of a kind with their reference values, in the order of their seeds."""
+    counts = dict.fromkeys(SPLITS[:2], COUNTS[robots])
+    if version == VERSIONS[1]:
+        counts = {SPLITS[2]: TEST_COUNTS[robots]}
+    for seed in count():
+        if not any(counts.values()):
+            return
+        name = f"{version}-{kind}-{robots}r-{seed}"
+        if not counts.get(split_of(name)):
+            continue
+        scenario = sc.load_scenario(name)
+        paths = sc.shortest_paths(scenario).returns
+        optimum = sc.optimum(scenario)
+        facts: dict[str, object] = {"shortest_paths": paths}
+        if optimum.exact:
+            facts["optimum"] = optimum.value
+        best = optimum.value if robots == 2 else planned(scenario, options)
+        if best > paths + CONFLICT:
+            counts[split_of(name)] -= 1
+            yield name, {"game": game_digest(scenario), **facts}
+
+
+def main() -> None:
+    """Choose, print, and write."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--kinds", nargs="+", default=[])
+    parser.add_argument("--searched", type=int, default=SEARCHED, help="trials")
+    parser.add_argument("--judged", type=int, default=JUDGED, help="trials")
+    parser.add_argument("--config", type=Path, default=CONFIG)
+    options = parser.parse_args()
+    file = options.config / "unseen.json"
+    said = json.loads(file.read_text("utf-8"))
+    buildings = said["buildings"] if options.kinds else {}
+    for version, robots, kind in product(VERSIONS, TEAMS, KINDS):
+        if options.kinds and f"{version}-{kind}-{robots}r" not in options.kinds:
+            continue
+        for name, facts in chosen(version, kind, robots, options):
+            print(name, facts, flush=True)
+            buildings[name] = facts
+    lines = [
+        f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in buildings.items()
+    ]
+    head = f'{{"format": {said["format"]},\n "about": {json.dumps(said["about"])},\n'
+    text = ",\n".join(lines)
+    file.write_text(f'{head} "buildings": {{\n{text}\n }}}}\n', "utf-8")
+
+
+if __name__ == "__main__":
+    main()
