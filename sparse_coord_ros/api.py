@@ -426,7 +426,8 @@ def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
 def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification":
     """Compute a recorded run again from its seed and its log alone, and compare.
 
-    The result's `same` is True if nothing differs; `differences` lists the differences.
+    The result's `same` is True if nothing differs and nothing is undecided, `difference` is the
+    first difference, `undecided` says from which time step on the log does not decide.
 
     Args:
         bag: as of `read_log`.

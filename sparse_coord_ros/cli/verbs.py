@@ -21,7 +21,7 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "evaluate": "evaluate learned tables by trials or exactly, and compare runs",
         "optimum": "compute the joint optimum, shortest paths and the best asking team",
         "benchmark": "compare learners on fixed lists of scenarios",
-        "reproduce": "reproduce the tables and figures of the paper, and further studies",
+        "reproduce": "reproduce the tables and figures of the paper",
     },
     "look at runs": {
         "watch": "show live or recorded runs on a page in the browser",

@@ -3,6 +3,7 @@
 """Order, time steps, kept topics and deadlines of playing, with a clock that tests control."""
 
 import random
+from types import SimpleNamespace
 
 import pytest
 
@@ -26,6 +27,7 @@ class Log:
 
     path = "log"
     clock = Bag.clock
+    files = (SimpleNamespace(continued=None),)
 
     def __init__(self, *entries, start_ns=0):
         self.entries = [
@@ -39,7 +41,7 @@ class Log:
             name: sum(m.topic == name for m in self.entries) for name in self.topics
         }
 
-    def messages(self, topics=None):
+    def messages(self, topics, files):
         for message in self.entries:
             if topics is None or message.topic in topics:
                 self.read += 1

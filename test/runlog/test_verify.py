@@ -17,6 +17,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.log.bags import open_bag
+from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
 from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
@@ -541,6 +542,10 @@ def test_a_run_that_went_back_is_one_chain(good, tmp_path, killed, after):
     due = read_run(good.bag)
     for name in ("step", "cells", "action", "percept"):
         assert np.array_equal(getattr(found.log, name), getattr(due, name)), name
+    played = [
+        Playlist(open_bag(bag), ["/robot_1/action"]) for bag in (directory, good.bag)
+    ]
+    assert len(played[0]) == len(played[1])
 
 
 def test_a_recorder_that_came_back_too_late_leaves_a_hole(good, tmp_path):

@@ -94,8 +94,9 @@ def shortest_path_reference(scenario: ScenarioLike) -> Reference:
 
     It is what Indiv. tends to. Of equally short ways each move is equally likely at every cell, as
     greedy agents choose between equal values. `returns` (total discounted) and `time_to_goal`
-    (steps) are means over the robots, `miscoordinations` is that of a trial. It is exact (`exact`), but for more
-    than two robots that swap or block it is the mean of 10,000 trials, with standard errors.
+    (steps) are means over the robots, `miscoordinations` is that of a trial. It is exact
+    (`exact`), but for more than two robots that swap or block it is the mean of 10,000 trials,
+    with standard errors.
 
     Args:
         scenario: the problem.

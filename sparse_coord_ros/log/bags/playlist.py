@@ -12,11 +12,14 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.reader import Bag, Message
 
 
 class Playlist:
     """A bag's messages in the order of log time; messages of equal times in file order.
+
+    Messages that a later segment of the bag supersedes are left out.
 
     Args:
         bag: an open bag.
@@ -40,7 +43,7 @@ class Playlist:
         numbers = {name: number for number, name in enumerate(sorted(self._topics))}
         log_times = array("q")
         kinds = array("H")
-        for message in bag.messages(self._topics):
+        for message in segments.messages(bag, self._topics):
             log_times.append(message.log_time_ns)
             kinds.append(numbers[message.topic])
         if not log_times:
@@ -104,7 +107,7 @@ class Playlist:
             for kind in self._kept
         )
         wanted = sorted(int(last[0]) for last in lasts if len(last))
-        messages = self._bag.messages(self._topics)
+        messages = segments.messages(self._bag, self._topics)
         self._stream = zip(memoryview(self._places.data), messages, strict=False)
         self._waiting.clear()
         found = {place: self._find(place, set(wanted)) for place in wanted}

@@ -216,18 +216,23 @@ class Bag:
         for file in self.files:
             file.close()
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        files: Iterable[int] | None = None,
+    ) -> Iterator[Message]:
         """Yield the messages up to the first damage, in the order of the file.
 
         Args:
             topics: names of the topics to yield; None: all.
+            files: numbers (from 0) of the files to read; None: all.
 
         Raises:
             BagError: the file has changed since it was opened, or cannot be read.
         """
         if topics is not None and not topics:
             return
-        for part in self.parts():
+        for part in self.parts(files):
             names = self.channels
             mine = [
                 one for one, name in names.items() if topics is None or name in topics

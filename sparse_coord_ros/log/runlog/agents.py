@@ -155,7 +155,7 @@ class AgentCheck:
         """Check that an action's number `learned` is possible."""
         step = int(self.trajectory.step[place])
         logged = self._log.has_learned[self.trajectory.row[place], self._k]
-        if repr(float(logged)) == "0.0":
+        if logged == 0.0:
             self._may_lack_an_action(place)
             return
         words = wire.ACTION.name, f"learned={logged:g}"

@@ -12,9 +12,9 @@ from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.contents import Attachment
 from sparse_coord_ros.log.bags.reader import Bag
-from sparse_coord_ros.log.runlog import segments
 from sparse_coord_ros.log.runlog.difference import Difference
 from sparse_coord_ros.protocol import wire
 

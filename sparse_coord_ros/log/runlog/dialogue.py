@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.log.runlog.segments import steps_of
+from sparse_coord_ros.log.bags.segments import steps_of
 from sparse_coord_ros.protocol.wire.events import EventKind
 from sparse_coord_ros.protocol.wire.frame import SECOND
 

@@ -105,8 +105,8 @@ class PerceptCheck:
         return all(sees(step, self._k, here, cells[peer]) for peer in peers)
 
     def _ended(self, step: int, end: float, *allowed: PerceptEnd) -> Iterator[Finding]:
-        """Check that the logged end of a percept is an allowed one, bit for bit."""
-        if repr(end) not in [repr(float(one)) for one in allowed]:
+        """Check that the logged end of a percept is an allowed one."""
+        if end not in allowed:
             words = " or ".join(one.words for one in allowed)
             yield self._difference(step, percept_end(end), words)
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.reader import Bag, open_bag
-from sparse_coord_ros.log.runlog import segments
 from sparse_coord_ros.log.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.log.runlog.bag_run import BagRun, find_run
 from sparse_coord_ros.log.runlog.columns import Columns, Forms, Only, Reading

@@ -34,8 +34,8 @@ class Verification:
         log: the log.
         difference: the first difference; None: there is none up to where the run is undecided.
         undecided: from where on the run is undecided; None: nowhere, or there is a difference.
-        notes: counts, by name, of irregularities that an honest run may have. They do not change
-            the result.
+        notes: counts, by name, of irregularities that a run may have. They do not change the
+            result.
         steps: number of the world's transitions that were computed again and agree.
         choices: number of actions that were computed again and agree.
         updates: number of updates of tables that were computed again.

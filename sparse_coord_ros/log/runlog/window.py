@@ -11,9 +11,9 @@ import numpy as np
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.contents import Attachment, Block
 from sparse_coord_ros.log.bags.reader import Bag, open_bag
-from sparse_coord_ros.log.runlog import segments
 from sparse_coord_ros.log.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog

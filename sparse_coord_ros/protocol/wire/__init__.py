@@ -53,8 +53,8 @@ class Topic:
         packed: published as packed bytes, and handed to a recorder in the same process: the
             messages of each time step and episode.
         recorded: whether bags contain it unchanged.
-        labels: the names of the numbers of a sensor_msgs/JointState. A reader looks numbers up by
-            their labels, so a sender may add others.
+        labels: the names of the numbers of a sensor_msgs/JointState, in this order; the log reads
+            no others.
     """
 
     name: str

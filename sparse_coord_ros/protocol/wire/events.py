@@ -21,7 +21,6 @@ from sparse_coord_ros.protocol.wire.messages import (
     Fill,
     MessageForm,
     path,
-    places_of,
     stamps_of,
 )
 
@@ -98,7 +97,7 @@ def _fill(asker: int, kinds: tuple[EventKind, ...]) -> Fill:
         rows["seen"] = "0_xy" in known
         rows["xy"] = np.nan
         for name in {"xy", "0_xy"}.intersection(known):
-            rows["xy"] = places_of(fields, name)
+            rows["xy"] = fields[name]
         return np.isin(fields["kind"], kinds)
 
     return fill

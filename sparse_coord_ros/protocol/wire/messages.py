@@ -50,15 +50,6 @@ def stamps_of(fields: np.ndarray, prefix: str = "") -> np.ndarray:
     return np.asarray(seconds * SECOND + fields[f"{prefix}nanosec"])
 
 
-def places_of(fields: np.ndarray, name: str) -> np.ndarray:
-    """Return positions of messages' fields, shape (messages, 2); NaN in place of -0.0.
-
-    No node writes -0.0. It equals 0.0, though its bits are others; NaN equals nothing.
-    """
-    found = fields[name]
-    return np.where((found == 0.0) & np.signbit(found), np.nan, found)
-
-
 def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
     """Fill rows whose columns have the names of the fields."""
     rows["ns"] = stamps_of(fields)
@@ -212,7 +203,7 @@ def percept_form(robots: int) -> MessageForm:
             rows["count"] = count
             rows["places"] = np.nan
             for number in range(count):
-                rows["places"][:, number] = places_of(fields, f"{number}_xy")
+                rows["places"][:, number] = fields[f"{number}_xy"]
 
         return put
 
@@ -227,15 +218,16 @@ def grid_form(frame: Frame) -> MessageForm:
     rows, columns = frame.grid.shape
     count = rows * columns
     size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
+    data = Free("data", f"({count},)i1")
     items = [
         *nothing("<i4", "<u4"),
         *size,
         *place_at(*frame.origin),
         Fixed("<u4", count),
-        Free("data", f"({count},)i1"),
+        data,
     ]
-    layout = Layout([*header(), *items])
-    return MessageForm(np.dtype([NS, ("data", "i1", (count,))]), [(layout, by_name)])
+    row = np.dtype([NS, ("data", "i1", (count,))])
+    return MessageForm(row, [(Layout([*header(), *items]), by_name)])
 
 
 CUBE = 1
@@ -245,8 +237,8 @@ SHOW = 0
 """Shapes and actions of visualization_msgs/Marker."""
 
 
-def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
-    """Return the form of the markers: doorways, then each robot's goal and itself, at `places`.
+def markers_layout(frame: Frame, scenario: Scenario) -> Layout:
+    """Return the layout of the markers: doorways, then each robot's goal and itself.
 
     The map is dark where walls are; the scene's boxes stand on the doorways' plates.
     """
@@ -277,17 +269,7 @@ def markers_form(frame: Frame, scenario: Scenario) -> MessageForm:
         items += [*nothing("<i4", "<u4", "u1", "<u4", "<u4"), ""]  # lifetime to texture
         items += [*nothing("<i4", "<u4"), "", "", *nothing("<u4", "<u4"), "", "", ""]
         items += nothing("<u4", "u1")
-
-    def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
-        rows["ns"] = stamps_of(fields, "0_")
-        moving = [number for number, mark in enumerate(marks) if mark[2] is None]
-        for k, number in enumerate(moving):
-            rows["places"][:, k] = places_of(fields, f"{number}_xy")
-        stamps = [stamps_of(fields, f"{number}_") for number in range(len(marks))]
-        return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
-
-    columns = np.dtype([NS, ("places", "f8", (len(scenario.robots), 2))])
-    return MessageForm(columns, [(Layout(items), fill)])
+    return Layout(items)
 
 
 def action_numbers(action: Action) -> tuple[float, ...]:
@@ -345,7 +327,7 @@ class Messages(Frame):
         self._decode = decode
         self._grids = OccupancyData(self)
         self._grid = grid_form(self).layout
-        self._markers = markers_form(self, run.scenario).layout
+        self._markers = markers_layout(self, run.scenario)
 
     def _read(
         self, topic: wire.Topic, form: MessageForm, data: bytes

@@ -26,7 +26,7 @@ ACTIVE_PERCEPTION = Service("active_perception", "nav_msgs/srv/GetPlan")
 """Of a robot: return its cell."""
 
 SAVE = Service("save", "std_srvs/srv/Trigger")
-"""Of a robot, or a team: write the tables."""
+"""Of a robot: write the tables."""
 
 PAUSE = Service("pause", "std_srvs/srv/SetBool")
 STEP = Service("step", "std_srvs/srv/Trigger")

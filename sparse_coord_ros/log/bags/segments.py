@@ -7,11 +7,14 @@ file of the bag, a segment, with a record of the checkpoint's time step. What ea
 from that time step on is superseded.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from sparse_coord_ros.log.bags.reader import Bag
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.log.bags.reader import Bag, Message
+from sparse_coord_ros.protocol.wire import LOCAL_STATE
+from sparse_coord_ros.protocol.wire.frame import SECOND
 
 NO_BEGIN = -1
 """In place of a segment's first time step: it supersedes nothing."""
@@ -42,6 +45,18 @@ def ends(first_steps: Sequence[int]) -> list[int]:
     return found
 
 
+def messages(bag: Bag, topics: Collection[str]) -> Iterator[Message]:
+    """Yield the messages of some topics in the order of the files, without superseded ones."""
+    period = round(RunConfig.step_period * SECOND)
+    for place, end in enumerate(ends(begins(bag))):
+        end_ns = end * period
+        for message in bag.messages(topics, [place]):
+            at = message.log_time_ns
+            last = at == end_ns and message.topic.endswith(f"/{LOCAL_STATE.name}")
+            if at < end_ns or last:
+                yield message
+
+
 def chained(
     files: Sequence[np.ndarray],
     first_steps: Sequence[int],
@@ -60,23 +75,10 @@ def chained(
     """
     kept = []
     for rows, begin, end in zip(files, first_steps, ends(first_steps), strict=True):
-        if begin != NO_BEGIN:
-            rows = _without_late(rows)
         steps = steps_of(rows, period)
         here = (steps >= begin) & (steps < end + with_last)
         kept.append(rows[here])
     return np.concatenate(kept)
-
-
-def _without_late(rows: np.ndarray) -> np.ndarray:
-    """Leave out the messages at a segment's beginning that were sent before it."""
-    falls = np.flatnonzero(np.diff(rows["ns"]) < 0)
-    if not len(falls):
-        return rows
-    begin = int(falls[-1]) + 1
-    if rows["ns"][:begin].min() <= rows["ns"][begin]:
-        return rows
-    return rows[begin:]
 
 
 def steps_of(rows: np.ndarray, period: int) -> np.ndarray:
