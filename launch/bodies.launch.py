@@ -8,7 +8,6 @@ owns the clock, as simulators do: poses and transforms have its time, not that o
 
 from dataclasses import replace
 
-from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.run_config import NO_CLOCK
 from sparse_coord_ros.ros.launching import ARGUMENTS, description
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
@@ -19,12 +18,11 @@ WORLD, DRIVER, BODY = (
 OF_DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
 OF_BODY = ("radius", "body_rate")
 OWN = {
-    "simulate": Setting("simulate", bool, True, "false: robots of your own are there"),
     "clock": replace(WORLD["clock"], default=NO_CLOCK),
     "use_sim_time": replace(
         ARGUMENTS["use_sim_time"],
         default=True,
-        help="the nodes' ROS clocks follow the topic clock; false if no simulated bodies own it",
+        help="the nodes' ROS clocks follow the topic clock; false with clock:=own",
     ),
     "slips": WORLD["slips"],
     **{name: DRIVER[name] for name in OF_DRIVER},
@@ -34,9 +32,9 @@ OWN = {
 
 def start(team):
     """Add the team, a driver for each robot, and the simulator."""
-    body_clock = team.get("simulate") and team.of_world("clock") == NO_CLOCK
-    team.own_clock = team.own_clock or body_clock
-    team.sim_time = team.given.get("use_sim_time", body_clock)
+    team.own_clock = True
+    of_bodies = team.of_world("clock") == NO_CLOCK
+    team.sim_time = team.given.get("use_sim_time", of_bodies)
     team.add_team(bodies=True, **team.of(["slips"]))
     for robot in team.scenario.robots:
         team.add(
@@ -44,8 +42,7 @@ def start(team):
             {**team.of(OF_DRIVER), "robot": robot.name},
             f"{robot.name}_driver",
         )
-    if team.get("simulate"):
-        team.add("body", team.of(OF_BODY))
+    team.add("body", team.of(OF_BODY))
     team.add_views()
 
 

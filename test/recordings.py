@@ -5,6 +5,7 @@
 import functools
 import shutil
 from collections import Counter, deque
+from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -442,9 +443,7 @@ def rewritten(
 
 def channel_of(writer, topic):
     """Return the channel of a bag's topic in another file."""
-    schema = writer.register_schema(
-        topic.type_name, topic.schema_encoding, topic.schema.encode()
-    )
+    schema = writer.register_schema(topic.type_name, "ros2msg", topic.schema.encode())
     about = {
         "offered_qos_profiles": offered_qos_profiles(topic.qos),
         "topic_type_hash": topic.type_hash,
@@ -497,7 +496,9 @@ def rolled_back(
     else:
         rewritten(run.bag, directory, before, before)
     says = {"step": str(step)}
-    with BagWriter(directory, earlier=continued(directory), says=says) as writer:
+    with closing(
+        BagWriter(directory, earlier=continued(directory), says=says)
+    ) as writer:
         messages = [
             m for m in bag.messages() if m.log_time_ns >= (step + missed) * period
         ]

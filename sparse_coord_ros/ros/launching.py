@@ -16,7 +16,6 @@ from typing import Any
 
 import launch.actions as actions
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch.event import Event
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown, matches_action
 from launch.events.process import ShutdownProcess
@@ -80,21 +79,6 @@ ARGUMENTS = SettingTable(
     ]
 )
 """Arguments of a team's launch. The parameter file sets arguments that are not given."""
-
-
-class TeamFailed(Event):
-    """A team has ended with failed nodes: an event for launch files that include this one.
-
-    Args:
-        namespace: of the team.
-        why: a text for each node that failed.
-    """
-
-    name = f"{PACKAGE}.TeamFailed"
-
-    def __init__(self, namespace: str, why: Iterable[str]) -> None:
-        self.namespace = namespace
-        self.why = tuple(why)
 
 
 def description(
@@ -187,7 +171,7 @@ class LaunchedTeam:
     Attributes:
         given: the given arguments, typed.
         scenario: the scenario.
-        own_clock: whether the team publishes the topic `clock` of its namespace.
+        own_clock: whether the topic `clock` of the namespace is the team's.
         sim_time: whether the nodes' ROS clocks follow it, or /clock if it is not the team's.
         actions: the launch's actions.
 
@@ -329,11 +313,9 @@ class LaunchedTeam:
         ]
 
     def _when_all_ended(self) -> list[Any]:
-        if self._running or not self._failed:
-            return []
-        if self._own:
+        if self._own and self._failed and not self._running:
             raise RunError("; ".join(self._failed))
-        return [actions.EmitEvent(event=TeamFailed(self._namespace, self._failed))]
+        return []
 
     def add_views(self) -> None:
         """Add RViz, and write Foxglove's layout, if the arguments request them.

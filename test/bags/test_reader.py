@@ -5,6 +5,7 @@
 import errno
 import os
 import tracemalloc
+from contextlib import closing
 
 import pytest
 from mcap.writer import CompressionType, Writer
@@ -130,7 +131,7 @@ def test_memory_does_not_grow_with_the_bag(tmp_path, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.log.bags.contents.TOGETHER", 20_000)
     peaks = []
     for rounds in (2_000, 20_000):
-        with BagWriter(tmp_path / str(rounds), chunk_size=20_000) as writer:
+        with closing(BagWriter(tmp_path / str(rounds), chunk_size=20_000)) as writer:
             channel = writer.add_topic("/a", STRING, QoS())
             for i in range(rounds):
                 writer.write(channel, bytes(50), i, i)
@@ -241,7 +242,7 @@ def test_the_directory_of_a_run_stands_for_its_bag(tmp_path, bag):
 @pytest.fixture
 def chunks(tmp_path, samples):
     """Return the file of a bag with 20 messages in a chunk each, and the chunks' places."""
-    with BagWriter(tmp_path / "run") as writer:
+    with closing(BagWriter(tmp_path / "run")) as writer:
         samples.fill(writer, 20, chunks=True)
         writer.attach("map.txt", b"#", "text/plain", 3)
     bag = open_bag(tmp_path / "run")
@@ -345,7 +346,7 @@ def test_what_tools_add_to_our_files_is_no_damage(chunks):
 
 def test_channels_that_earlier_chunks_define(tmp_path, samples):
     """The last of many chunks is read first."""
-    with BagWriter(tmp_path / "run") as writer:
+    with closing(BagWriter(tmp_path / "run")) as writer:
         samples.fill(writer, 3, chunks=True)
         channel = writer.add_topic("/late", STRING, QoS())
         for at in range(3, 9):

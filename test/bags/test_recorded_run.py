@@ -26,8 +26,7 @@ CHECKPOINT = 50
 PERIOD_NS = 100_000_000
 NAMES = ("robot_1", "robot_2")
 MAPS = {f"/{name}/coordination_map" for name in NAMES}
-PROGRESS = {f"/{name}/_progress" for name in NAMES}
-LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS | PROGRESS
+LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS
 EVENTS = {f"/{name}/active_perception/_service_event" for name in NAMES}
 STEP_TOPICS = {
     f"/{name}/{topic}"

@@ -3,6 +3,7 @@
 """Bags of several files, the segments of a run; continued after a crash."""
 
 import shutil
+from contextlib import closing
 
 import pytest
 import yaml
@@ -74,7 +75,7 @@ def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
 def test_a_topic_that_says_nothing_any_more_is_still_counted(tmp_path, samples):
     directory = tmp_path / "bag"
     begin(directory, samples)[0].close()
-    with BagWriter(directory, earlier=continued(directory)) as writer:
+    with closing(BagWriter(directory, earlier=continued(directory))) as writer:
         channel = writer.add_topic("/b", STRING, QoS())  # here it has the number of /a
         writer.write(channel, samples.cdr(STRING), 30, 30)
     text = (directory / "metadata.yaml").read_text()

@@ -3,6 +3,7 @@
 """Tables of a checkpoint, out of a bag of several files."""
 
 import json
+from contextlib import closing
 
 import pytest
 from teams import plain_run, tables_equal, tables_in
@@ -21,7 +22,7 @@ def recorded(tmp_path):
     scenario = load_scenario("env1").with_settings({"steps": 60})
     run = make_run(scenario, {"seed": 3})
     learning = plain_run(scenario, "coop", 3)
-    with BagWriter(tmp_path / "bag") as bag:
+    with closing(BagWriter(tmp_path / "bag")) as bag:
         bag.attach("run.yaml", run.to_yaml().encode(), "application/yaml")
         for step in (20, 40):
             learning.advance(step)

@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One run, whatever computes it: the bits of 1.0.0, for each learner, game and way of running.
+"""One run, whatever computes it: always the same bits, for each learner, game and way of running.
 
-test/fixtures/1.0.0/digests.json has the digests of what robots remember, of the history and of
+test/fixtures/bits.json has the digests of what robots remember, of the history and of
 greedy trials. Those of `KNOWN_MAP` are what plain loops found first.
 `PYTHONPATH=.:test python test/engine/test_same_run.py` writes the file. The live ways are in
 test/nodes/test_bit_identity.py, the log in test/runlog.
@@ -92,7 +92,7 @@ KNOWN_MAP = {
     "factored, known map": ("env1", "factored", {"perception": "probability:0.7"}),
     "four, known map": ("env2-4r", "factored", {}),
 }
-"""Robots that know their map: not in 1.0.0."""
+"""Robots that know their map."""
 
 OUTSIDERS = {
     "hysteretic": ("env1", "hysteretic", {}),
@@ -103,7 +103,7 @@ OUTSIDERS = {
         {"peers": "all", "perception": "probability:0.7"},
     ),
 }
-"""Learners that were not in 1.0.0, and what others learned since."""
+"""Learners of others, and a game for one of them."""
 
 INTERACTIONS = {
     "exchanges, coop": ("aisle", "coop", {}),
@@ -125,7 +125,7 @@ INTERACTIONS = {
     "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
     "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
 }
-"""Robots that exchange cells and stop each other: not in 1.0.0."""
+"""Robots that exchange cells and stop each other."""
 
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),
@@ -175,13 +175,13 @@ STOPS = (1, 63, 64, 301)
 OFTEN = (*range(1, 30, 2), 63, 64, 301)
 """In the middle of episodes and between two of them."""
 
-SINCE_1_0_0 = ("alone", "asked", "passage", "narrow")
-"""Fields of a memory that 1.0.0 did not have."""
+LEFT_OUT = ("alone", "asked", "passage", "narrow")
+"""Fields of a memory that are in no digest."""
 
-OLD_NAMES = {"returns": "reward"}
-"""How 1.0.0 named an array."""
+NAMES_THERE = {"returns": "reward"}
+"""How the digests name an array."""
 
-DIGESTS = Path(__file__).parents[1] / "fixtures/1.0.0/digests.json"
+BITS = Path(__file__).parents[1] / "fixtures/bits.json"
 
 
 @cache
@@ -195,7 +195,7 @@ def problem(case):
 def digest(arrays):
     """Return the digest of arrays by their names, with types and shapes."""
     found = hashlib.sha256()
-    named = {OLD_NAMES.get(name, name): array for name, array in arrays.items()}
+    named = {NAMES_THERE.get(name, name): array for name, array in arrays.items()}
     for name, array in sorted(named.items()):
         array = np.ascontiguousarray(array)
         found.update(f"{name} {array.dtype} {array.shape} ".encode())
@@ -207,7 +207,7 @@ def said(memories, history=None, trials=None):
     """Return the digests of a run, as they are kept."""
     remembered = {}
     for k, memory in enumerate(memories, start=1):
-        kept = {name: memory[name] for name in memory if name not in SINCE_1_0_0}
+        kept = {name: memory[name] for name in memory if name not in LEFT_OUT}
         remembered |= {f"{name}_{k}": array for name, array in kept.items()}
     found = {"memories": digest(remembered)}
     if history is not None:
@@ -314,7 +314,7 @@ def matrix():
 def test_one_run(case, way, tmp_path, monkeypatch, request):
     if way not in (plain, agents, in_processes):
         request.getfixturevalue("compiled_loops")
-    known = json.loads(DIGESTS.read_text())[case]
+    known = json.loads(BITS.read_text())[case]
     found = way(case, tmp_path, monkeypatch)
     assert found == {what: known[what] for what in found}
 
@@ -343,7 +343,7 @@ def test_the_games_show_what_they_are_for():
 def main():
     """Write the digests of every case."""
     digests = {case: by_loops(case, False) for case in CASES}
-    DIGESTS.write_text(json.dumps(digests, indent=1) + "\n")
+    BITS.write_text(json.dumps(digests, indent=1) + "\n")
 
 
 if __name__ == "__main__":

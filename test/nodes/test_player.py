@@ -11,6 +11,7 @@ import sys
 import termios
 import time
 from collections import defaultdict
+from contextlib import closing
 
 import pytest
 from nav_msgs.srv import GetPlan
@@ -302,7 +303,7 @@ def test_types_that_are_not_installed_are_named_once_and_left_out(
         "/other": ("std_msgs/msg/Char", "RIHS01_" + "0" * 64),
         "/robot_2/action": ("Int32", ""),
     }
-    with BagWriter(tmp_path / "bag") as writer:
+    with closing(BagWriter(tmp_path / "bag")) as writer:
         for name, (type_name, type_hash) in strange.items():
             topic = BagTopic(name, type_name, "", (QoS(),), type_hash)
             writer.write(writer.add_known_topic(topic), bytes(8), 0, 0)
@@ -479,7 +480,7 @@ def test_keys(terminal, bag):
 
 def test_keys_are_heard_at_the_highest_rate(terminal, tmp_path):
     """With more messages than can be published, all the time."""
-    with BagWriter(tmp_path / "bag") as writer:
+    with closing(BagWriter(tmp_path / "bag")) as writer:
         channel = writer.add_topic("/map", "std_msgs/msg/String", QoS())
         for number in range(2_000):
             writer.write(channel, serialize_message(String(data="map")), number, number)

@@ -8,6 +8,7 @@ import select
 import shutil
 import signal
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -212,7 +213,7 @@ def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
 
 
 def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
-    with BagWriter(tmp_path / "bag") as writer:
+    with closing(BagWriter(tmp_path / "bag")) as writer:
         writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(FORMAT), "id": "another"})
     bench.world(recorded=True)
     bench.recorder(tmp_path / "bag", resume=True)

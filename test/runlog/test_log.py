@@ -4,6 +4,7 @@
 
 import re
 from collections import Counter
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -165,7 +166,7 @@ def test_a_history_without_penalty_has_its_miscoordinations(record):
 def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     source = open_bag(good.bag)
     bag = tmp_path / "bag"
-    with BagWriter(bag) as new:
+    with closing(BagWriter(bag)) as new:
         new.add_metadata("sparse_coord_ros", source.metadata["sparse_coord_ros"])
         copied(new, source, source.messages(), source.attachments, prefix="/team_a")
     found = verify(bag)

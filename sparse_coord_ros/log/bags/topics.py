@@ -96,8 +96,6 @@ class BagTopic(NamedTuple):
         schema: the type's definition with its dependencies.
         qos: the profile of each publisher.
         type_hash: the type's RIHS01 hash, empty if unknown.
-        schema_encoding: the language of `schema`: `ros2msg`, in bags of other programs also
-            `ros2idl`.
     """
 
     name: str
@@ -105,7 +103,6 @@ class BagTopic(NamedTuple):
     schema: str
     qos: tuple[QoS, ...] = (QoS(),)
     type_hash: str = ""
-    schema_encoding: str = "ros2msg"
 
 
 def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTopic:
@@ -129,4 +126,4 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
     qos = profiles_from_text(channel.metadata.get("offered_qos_profiles", ""))
     text = schema.data.decode(errors="replace")
     type_hash = channel.metadata.get("topic_type_hash", "")
-    return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)
+    return BagTopic(channel.topic, schema.name, text, qos, type_hash)

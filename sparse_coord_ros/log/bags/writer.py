@@ -30,22 +30,19 @@ DEFAULT_CHUNK_SIZE = 256 * 1024
 
 
 class BagWriter:
-    """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
+    """Writes one bag: a new directory `<name>` with `<name>_0.mcap` and `metadata.yaml`.
 
     Further files follow by `begin_file`, or if an earlier bag is continued: `<name>_1.mcap` and so
     on, each with the metadata record `continued`.
 
     Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
     handed to the operating system as soon as it is full, and by `flush`: a bag that is never
-    closed contains these chunks completely, and `open_bag` reads it up to there. As a
-    context manager the writer closes the bag on success and abandons it on an exception, so that a
-    broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
-    thread, or one lock, for all calls.
+    closed contains these chunks completely, and `open_bag` reads it up to there. The same calls
+    give the same bytes. Not thread-safe: one thread, or one lock, for all calls.
 
     Args:
         directory: the bag's directory, made here with its parents; must not exist.
         chunk_size: bytes of uncompressed messages after which a chunk is written.
-        name: stem of the MCAP file; the directory's name by default.
         earlier: the bag in that directory that the writer continues (`reader.continued`).
         says: what the first further file says, see `begin_file`.
 
@@ -58,14 +55,13 @@ class BagWriter:
         directory: Path,
         *,
         chunk_size: int = DEFAULT_CHUNK_SIZE,
-        name: str | None = None,
         earlier: Bag | None = None,
         says: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
         self._chunk_size = chunk_size
         self._directory = Path(directory)
-        stem = self._directory.name if name is None else name
+        stem = self._directory.name
         self._files: list[FileSummary] = []
         self._topics_before: Mapping[str, BagTopic] = {}
         number = 0
@@ -162,7 +158,7 @@ class BagWriter:
 
     def _register(self, topic: BagTopic) -> int:
         """Write a topic's type and channel into the file, and return the channel."""
-        schema = topic.type_name, topic.schema_encoding, topic.schema.encode()
+        schema = topic.type_name, "ros2msg", topic.schema.encode()
         if schema not in self._schema_ids:
             self._schema_ids[schema] = self._writer.register_schema(*schema)
         profiles = offered_qos_profiles(topic.qos)
@@ -285,14 +281,3 @@ class BagWriter:
                 self._writer.flush()
         finally:
             self._file.close()
-
-    def __enter__(self) -> "BagWriter":
-        """Return the writer itself."""
-        return self
-
-    def __exit__(self, exception_type: type[BaseException] | None, *_: object) -> None:
-        """Close the bag, or abandon it if the block raised."""
-        if exception_type is None:
-            self.close()
-        else:
-            self.abandon()
