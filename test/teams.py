@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios that a test draws, teams that walk to their goals, code of others; what is the same."""
+"""Scenarios that a test draws, teams on shortest paths, code of others; what is the same."""
 
 import sys
 from contextlib import contextmanager
