@@ -23,20 +23,19 @@ def out_option(kinds: Sequence[str]) -> shared.Option:
     return shared.Option("--out FILE", Path, where, {"required": True})
 
 
-def check_out(path: Path, kinds: Sequence[str] = (), *, option: str = "--out") -> str:
+def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
     """Return the kind of a file to write, and check it before any computation.
 
     Args:
         path: the file.
         kinds: the allowed ends of its name; empty: any.
-        option: the option that names the file.
 
     Raises:
         SettingError: its name has another end.
         RunError: it cannot be written.
     """
     kind = path.suffix.lower()
-    shown = f"{option} {str(path)[-100:]}"
+    shown = f"--out {str(path)[-100:]}"
     if kinds and kind not in kinds:
         raise SettingError(f"{shown}: allowed: a name that ends in {', '.join(kinds)}")
     if not path.parent.is_dir():

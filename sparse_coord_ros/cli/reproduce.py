@@ -8,7 +8,6 @@ from pathlib import Path
 
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
-from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.cli.options import (
     ALLOW,
     JSON,
@@ -17,16 +16,14 @@ from sparse_coord_ros.cli.options import (
     format_table,
     tell,
 )
-from sparse_coord_ros.core.runs.evaluation import summary
-from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.studies.catalogue import NAMES
 from sparse_coord_ros.studies.runner import ExperimentResults, run_experiment
-from sparse_coord_ros.studies.store import RUN_TRIALS, RUNS, Plan
+from sparse_coord_ros.studies.store import RUN_TRIALS, RUNS
 from sparse_coord_ros.studies.targets import parse_targets
 
 EXAMPLE = (
     "sparse_coord reproduce table1 table2 --out results\n"
-    "  sparse_coord reproduce env2-4r/coop/penalty=-20/3 --out results"
+    "  sparse_coord reproduce env2-4r/coop/penalty=-20 --out results"
 )
 
 
@@ -34,8 +31,8 @@ OPTIONS = (
     Option(
         "[targets WHAT...]",
         None,
-        f"experiments ({', '.join(NAMES)}), conditions such as env1/coop/penalty=-20, or single "
-        "runs such as env1/coop/penalty=-20/3 (default: every experiment)",
+        f"experiments ({', '.join(NAMES)}), or conditions such as env1/coop/penalty=-20 "
+        "(default: every experiment)",
     ),
     Option(
         "--out",
@@ -56,15 +53,13 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     asked = options.targets or NAMES
-    targets = parse_targets(asked, Plan(options.seed, options.runs, options.trials))
+    targets = parse_targets(asked)
     if options.list:
         conditions = [one.id for one in targets.conditions]
-        runs = [f"{one.id}/{number}" for one, number in targets.runs]
-        tell(options, {"conditions": conditions, "runs": runs}, *conditions, *runs)
+        tell(options, {"conditions": conditions}, *conditions)
         return
     by = computing_of(options)
     learners = {one.learner for one in targets.conditions}
-    learners |= {one.learner for one, _ in targets.runs}
     with Bar("agent-steps", first_wait(learners, options)) as bar:
         done = run_experiment(
             asked,
@@ -107,10 +102,3 @@ def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
         yield format_table(head, rows)
     if done.targets.experiments:
         yield f"tables: {out / 'tables'}, figures: {out / 'figures'}"
-    for one in done.runs:
-        scenario = one.condition.scenario
-        learned = make_run(
-            scenario, {"seed": one.seed, "learner": one.condition.learner}
-        )
-        yield result_table([Evaluated(one.directory, learned, summary(one.trials))])
-        yield f"tables  {one.directory / 'tables.npz'}"

@@ -155,19 +155,15 @@ class Drawing(Figure):
         return rendered(self, "png")
 
 
-def panel_grid(
-    count: int, columns: int, width: float = 3.4, height: float = 2.5
-) -> tuple[Figure, list[Axes]]:
+def panel_grid(count: int, columns: int) -> tuple[Figure, list[Axes]]:
     """Return a figure with panels in rows.
 
     Args:
         count: number of panels.
         columns: panels of a row.
-        width: of a panel, in inches.
-        height: of a panel, in inches.
     """
     rows = math.ceil(count / columns)
-    size = (max(NARROWEST, columns * width), rows * height + 1.1)
+    size = (max(NARROWEST, columns * 3.4), rows * 2.5 + 1.1)  # inches
     figure = Drawing(figsize=size, layout="constrained")
     panels: list[Axes] = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for unused in panels[count:]:

@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conditions of experiments: a scenario, a learner, some settings.
 
-A condition is named by an id such as `env1/coop/penalty=-20`. An id with a number after it,
-`env1/coop/penalty=-20/3`, is one learning run of it: the run with seed S + 3 in a batch with seed
-S. The scenario may be given as the path of a file; the condition's own id then has the scenario's
-name, which must not be a shipped scenario's. The user's own learner is given as `module:Class`:
-`env1/my_team:Team/penalty=-20`.
+A condition is named by an id such as `env1/coop/penalty=-20`. The scenario may be given as the
+path of a file; the condition's own id then has the scenario's name, which must not be a shipped
+scenario's. The user's own learner is given as `module:Class`: `env1/my_team:Team/penalty=-20`.
 """
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
@@ -148,8 +145,8 @@ def make_condition(
     )
 
 
-def parse_id(text: str, given: Scenario | None = None) -> tuple[Condition, int | None]:
-    """Read an id; the number is that of a run, None for the whole condition.
+def parse_id(text: str, given: Scenario | None = None) -> Condition:
+    """Return the condition of an id.
 
     Args:
         text: the id.
@@ -160,25 +157,15 @@ def parse_id(text: str, given: Scenario | None = None) -> tuple[Condition, int |
         SettingError: not an id; an unknown learner or setting; a bad value.
     """
     *path, last = text.split("/")
-    number = None
-    if last.isdecimal():
-        if not re.fullmatch("[0-9]{1,9}", last):
-            what = f"id {in_short(text)}: the number of a run has 1 to 9 digits 0 to 9"
-            raise SettingError(f"{what}; e.g. env2-4r/coop/penalty=-20/3")
-        number = int(last)
-        *path, last = path
     if len(path) < 2:
-        what = f"id {in_short(text)}: must be scenario/learner/settings, or the same with /run"
-        raise SettingError(
-            f"{what}; e.g. env2-4r/coop/penalty=-20 or env2-4r/coop/penalty=-20/3"
-        )
+        what = f"id {in_short(text)}: must be scenario/learner/settings"
+        raise SettingError(f"{what}; e.g. env2-4r/coop/penalty=-20")
     *name, learner = path
     try:
         assignments = last.split(",")
         settings = parse_assignments(assignments)
         if len(settings) < len(assignments):
             raise SettingError("a setting is there twice; give each once")
-        condition = make_condition(given or "/".join(name), learner, settings)
+        return make_condition(given or "/".join(name), learner, settings)
     except SettingError as error:
         raise type(error)(f"id {in_short(text)}: {error}") from None
-    return condition, number

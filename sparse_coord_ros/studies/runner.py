@@ -7,19 +7,15 @@ refused.
 """
 
 import math
-import os
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.base.dataframes import data_frame, shown_as
 from sparse_coord_ros.base.errors import (
-    ResultsError,
     SettingError,
-    SparseCoordError,
     check_argument,
     check_function,
     needed,
@@ -41,15 +37,9 @@ from sparse_coord_ros.core.game.perception import check_found_elsewhere
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.evaluation import play, summary
 from sparse_coord_ros.core.runs.run_config import (
     RUN_SETTINGS,
-    RunConfig,
-    load_run,
-    make_run,
 )
-from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.studies.condition_result import (
     CONFIDENCE,
     SUMS,
@@ -81,31 +71,6 @@ def no_progress(name: str, done: int, total: int) -> None:
     """Show nothing."""
 
 
-class SingleRun(NamedTuple):
-    """One learning run of a condition, saved as `train` saves it.
-
-    Attributes:
-        condition: its condition.
-        seed: its seed.
-        trials: its greedy trials.
-        directory: where it is saved.
-    """
-
-    condition: Condition
-    seed: int
-    trials: Trials
-    directory: Path
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data, as `reproduce --json` prints it."""
-        return {
-            "id": self.condition.id,
-            "seed": self.seed,
-            "directory": str(self.directory),
-            **summary(self.trials).to_dict(),
-        }
-
-
 @dataclass(frozen=True)
 class ExperimentResults(Mapping[str, ConditionResult]):
     """The results of a call; a mapping from a condition's id to its result.
@@ -114,14 +79,12 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         plan: first seed, learning runs and trials.
         targets: the requested targets.
         found: the results, by the conditions' ids.
-        runs: the single runs that were asked for.
         swept: settings that are columns of data frames in any case.
     """
 
     plan: Plan
     targets: Targets
     found: Mapping[str, ConditionResult]
-    runs: tuple[SingleRun, ...] = ()
     swept: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -181,10 +144,7 @@ class ExperimentResults(Mapping[str, ConditionResult]):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as `reproduce --json` prints it."""
-        data = {"conditions": [result.to_dict() for result in self.found.values()]}
-        return data | (
-            {"runs": [one.to_dict() for one in self.runs]} if self.runs else {}
-        )
+        return {"conditions": [result.to_dict() for result in self.found.values()]}
 
     def to_pandas(self, *, by_run: bool = False) -> "pd.DataFrame":
         """Return a data frame: one row a condition, or one row a learning run.
@@ -294,17 +254,15 @@ def run_experiment(
     plan = Plan(
         RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), RUN_TRIALS.parse(trials)
     )
-    targets = parse_targets(_as_list(what), plan)
+    targets = parse_targets(_as_list(what))
     jobs = check_place(jobs, scheduler)
     check_function("progress", progress)
     if out is not None or scheduler is not None:
-        for one in (*targets.conditions, *(one for one, _ in targets.runs)):
+        for one in targets.conditions:
             check_found_elsewhere(one.scenario.perception)
     if out is None:
-        if targets.runs or report:
-            raise SettingError(
-                "single runs and reports are files: name a results directory"
-            )
+        if report:
+            raise SettingError("a report is files: name a results directory")
         with cluster_at(scheduler) as cluster:
             by = Computing(engine, jobs, cluster)
             found = compute(targets.conditions, plan, by, progress=progress)
@@ -319,10 +277,9 @@ def run_experiment(
         found = compute(
             targets.conditions, plan, by, results=results, progress=progress
         )
-        played = [one_run(results, *one, by) for one in targets.runs]
         if write_report is not None:
             write_report(directory, targets.experiments, found)
-    return ExperimentResults(plan, targets, found, tuple(played))
+    return ExperimentResults(plan, targets, found)
 
 
 def _as_list(
@@ -440,45 +397,3 @@ def _report_writer() -> Callable[..., None]:
     from sparse_coord_ros.studies.report import write_report
 
     return write_report
-
-
-def one_run(
-    results: Results, condition: Condition, number: int, by: Computing
-) -> SingleRun:
-    """Compute one run of a condition and save its tables, as `train` does.
-
-    Where that run is there already, only its trials are played again.
-
-    Raises:
-        ResultsError: something else is in its place.
-    """
-    seed = results.plan.seed + number
-    trials = results.plan.trials
-    folder = results.directory / "runs" / condition.id / str(number)
-    if folder.exists():
-        wanted = make_run(
-            condition.scenario, {"seed": seed, "learner": condition.learner}
-        )
-        return SingleRun(condition, seed, _played_again(folder, wanted, trials), folder)
-    how = {"trials": trials, "history": True, **vars(by)}
-    [run] = run_batch(condition.scenario, condition.learner, [seed], **how)
-    assert run.trials is not None
-    partial = folder.with_name(f"{folder.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
-    os.rename(run.save(partial), folder)
-    return SingleRun(condition, seed, run.trials, folder)
-
-
-def _played_again(folder: Path, wanted: RunConfig, trials: int) -> Trials:
-    try:
-        same = load_run(folder).digest == wanted.digest
-    except SparseCoordError:
-        same = False
-    if not same:
-        raise ResultsError(
-            f"{folder}: exists already and is another run than this would be (scenario, learning "
-            "protocol or seed); nothing is overwritten: remove it, or choose another --out"
-        )
-    scenario = wanted.scenario
-    tables = load_team(folder, scenario, wanted.rule)
-    return play(scenario, tables, trials=trials, seed=wanted.seed, learner=wanted.rule)

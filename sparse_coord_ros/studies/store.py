@@ -256,7 +256,7 @@ def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Con
     scenario = None
     if given is not None:
         scenario = scenario_from_dict(given, where=str(file), name="unnamed")
-    condition, _ = parse_id(place.removesuffix(".json"), scenario)
+    condition = parse_id(place.removesuffix(".json"), scenario)
     if place != f"{condition.id}.json":
         raise ResultsError(f"{file}: its place is {condition.id}.json; move it there")
     return condition

@@ -3,7 +3,6 @@
 """`sparse_coord reproduce`: tables, figures, resumption, bad input."""
 
 import csv
-import errno
 import json
 import os
 import signal
@@ -17,12 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from patience import PATIENCE_SECONDS
-from teams import tables_in
 
-from sparse_coord_ros.core.engine import batch, trained
-from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.tables import tables_equal
-from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.studies import runner as module
 from sparse_coord_ros.studies.store import Plan, open_results
 
@@ -79,84 +74,17 @@ def test_interrupted_in_a_condition_it_goes_on_with_that_one(
     assert resumed == sparse_coord(*arguments, "--out", "fresh")[1]
 
 
-def test_a_single_run_is_that_run(sparse_coord, folder):
-    target = "env1/coop/penalty=-20,steps=300/3"
-    arguments = ("--runs", "4", "--trials", "5", "--seed", "10", "--out", "r")
-    code, out, _ = sparse_coord("reproduce", target, *arguments)
-    assert code == 0
-    assert "exact joint optimum" in out
-    scenario = load_scenario("env1").with_settings({"steps": 300})
-    saved = tables_in(folder / "r/runs" / target)
-    assert tables_equal(saved, learn(scenario, "coop", 13))
-    assert sparse_coord("evaluate", f"r/runs/{target}", "--trials", "5")[0] == 0
-
-
 def test_list(sparse_coord, folder):
     code, out, _ = sparse_coord("reproduce", "table1", "table2", "--list")
     assert (code, len(out.splitlines())) == (0, 12)
-    more = ("env1/coop/penalty=-5", "env1/coop/penalty=-5/1")
-    listed = sparse_coord("reproduce", "table1", *more, "--list")[1].splitlines()
-    data = json.loads(sparse_coord("reproduce", "table1", *more, "--list", "--json")[1])
-    assert (data["conditions"] + data["runs"], data["runs"]) == (listed, [more[1]])
+    more = ("reproduce", "table1", "env1/coop/penalty=-5", "--list")
+    listed = sparse_coord(*more)[1].splitlines()
+    assert json.loads(sparse_coord(*more, "--json")[1]) == {"conditions": listed}
     assert list(folder.iterdir()) == []
-
-
-def test_a_single_run_that_is_there_is_printed_again(sparse_coord, folder, monkeypatch):
-    target = "env1/coop/penalty=-20,steps=2000/1"
-    first = [
-        sparse_coord("reproduce", target, *FEW, "--out", "r", *more) for more in JSON
-    ]
-    before = files(folder)
-    monkeypatch.setattr(module, "run_batch", None)
-    again = [
-        sparse_coord("reproduce", target, target, *FEW, "--out", "r", *m) for m in JSON
-    ]
-    assert first == again
-    assert {code for code, _, _ in first} == {0}
-    assert len(json.loads(first[1][1])["runs"]) == 1
-    assert files(folder) == before
 
 
 def files(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-JSON = ((), ("--json",))
-RUN = ("history.npz", "run.yaml", "tables.npz")
-
-
-def test_a_run_that_is_there_is_not_overwritten(sparse_coord, refused, folder):
-    target = "env1/indiv/penalty=-20,steps=100/1"
-    sparse_coord("reproduce", target, *FEW, "--out", "r")
-    file = folder / "r/runs" / target / "run.yaml"
-    file.write_text("scenario: env1\n")
-    assert "exists already" in refused("reproduce", target, *FEW, "--out", "r")
-
-
-@pytest.mark.parametrize(
-    "error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")]
-)
-def test_a_single_run_that_is_not_saved_leaves_nothing(
-    sparse_coord, folder, monkeypatch, error
-):
-    target = "env1/indiv/penalty=-20,steps=100/1"
-    real = trained.save_team
-
-    def interrupted(*arguments):
-        real(*arguments)
-        raise error
-
-    monkeypatch.setattr(trained, "save_team", interrupted)
-    code, out, err = sparse_coord("reproduce", target, *FEW, "--out", "r")
-    assert (out, err.count("\n")) == ("", 1)
-    assert code == (130 if error is KeyboardInterrupt else 2)
-    assert [path.name for path in files(folder)] == ["results.json"]
-    (
-        folder / "r/runs/env1/indiv/penalty=-20,steps=100/1.partial"
-    ).mkdir()  # a killed one does
-    monkeypatch.setattr(trained, "save_team", real)
-    assert sparse_coord("reproduce", target, *FEW, "--out", "r")[0] == 0
-    assert [path.name for path in (folder / "r/runs").rglob("*.partial")] == []
 
 
 def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
@@ -170,19 +98,17 @@ def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
         f"{folder}/work/../{name}/mine.yaml/indiv/penalty=-1" for name in "ab"
     )
     (folder / "work").mkdir()
-    code, out, err = sparse_coord("reproduce", one, f"{one}/1", *FEW, "--out", "work/r")
+    code, out, err = sparse_coord("reproduce", one, *FEW, "--out", "work/r")
     assert code == 0, err
     assert out.splitlines()[2].startswith("mine/indiv/penalty=-1 ")
     made = {
         str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before
     }
-    run = {f"runs/mine/indiv/penalty=-1/1/{name}" for name in RUN}
-    assert made == {"results.json", "conditions/mine/indiv/penalty=-1.json"} | run
-    for target in (other, f"{other}/1"):
-        code, _, err = sparse_coord("reproduce", target, *FEW, "--out", "work/r")
-        assert (code, err.count("\n")) == (2, 1)
-        assert "another scenario" in err or "another run" in err
-    code, _, err = sparse_coord("reproduce", one, f"{other}/1", *FEW, "--out", "fresh")
+    assert made == {"results.json", "conditions/mine/indiv/penalty=-1.json"}
+    code, _, err = sparse_coord("reproduce", other, *FEW, "--out", "work/r")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "another scenario" in err
+    code, _, err = sparse_coord("reproduce", one, other, *FEW, "--out", "fresh")
     assert (code, (folder / "fresh").exists()) == (2, False)
     assert "another scenario file of the name 'mine'" in err
 

@@ -201,7 +201,7 @@ def test_another_scenario_of_the_same_name_is_refused_and_nothing_is_lost(
 
 
 def test_a_condition_s_file_says_what_it_is_of(folder):
-    condition, _ = parse_id(COOP)
+    condition = parse_id(COOP)
     content = json.loads(file_of(folder).read_text())
     assert (content["format"], content["scenario"]) == (FORMAT, None)
     assert content["plan"] == {"seed": 5, "runs": 2, "trials": 3}

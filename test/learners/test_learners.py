@@ -9,7 +9,7 @@ from teams import Traces
 from sparse_coord_ros.base.errors import PluginError, SettingError
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.game.world import SUM_OF_PARTS, RewardWeights
+from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.tables import tables_equal
@@ -83,7 +83,7 @@ def test_the_papers_three_and_the_factored_one():
     for name, one in shipped.items():
         assert one.label == name
         assert agrees(one)
-        assert one.weights(load_scenario("env1")) == SUM_OF_PARTS
+        assert one.weights(load_scenario("env1")) == RewardWeights(1, 1, 1)
 
 
 @pytest.mark.parametrize("engine", ["numba", "python"])

@@ -29,13 +29,6 @@ RANDOM = {
     "suny": (111.321697781, 111.309082993, 0.000231289),
 }
 
-# All keep right, where that differs.
-SAME = {
-    "env2-2r": (109.475295041, 102.077069293, 0.123454454),
-    "env2-4r": (104.112479861, 75.262993392, 0.481593295),
-    "suny": (111.324851478, 111.324851478, 0.0),
-}
-
 MOVES = {"env1": 8, "env2-2r": 10, "env2-4r": 10, "isr": 6, "pentagon": 4, "mit": 18}
 MOVES |= {"cit": 10, "suny": 10, "cmu": 31}
 
@@ -43,18 +36,15 @@ MOVES |= {"cit": 10, "suny": 10, "cmu": 31}
 ROOMS = "1..#..3\n...D..2\n..#D..4"
 
 
-@pytest.mark.parametrize("keep_right", [False, True])
 @pytest.mark.parametrize("name", RANDOM)
-def test_golden_values(name, keep_right):
-    at_20, at_100, steps = {**RANDOM, **SAME}[name] if keep_right else RANDOM[name]
+def test_golden_values(name):
+    at_20, at_100, steps = RANDOM[name]
     scenario = load_scenario(name)
-    reference = shortest_path_reference(scenario, keep_right=keep_right)
+    reference = shortest_path_reference(scenario)
     assert reference.returns == pytest.approx(at_20, abs=2e-9)
     assert reference.miscoordinations == pytest.approx(steps, abs=2e-9)
     assert reference.time_to_goal == pytest.approx(MOVES[name] / 0.8, rel=1e-12)
-    dearer = shortest_path_reference(
-        scenario.with_settings({"penalty": -100}), keep_right=keep_right
-    )
+    dearer = shortest_path_reference(scenario.with_settings({"penalty": -100}))
     assert dearer.returns == pytest.approx(at_100, abs=2e-9)
     assert dearer.miscoordinations == reference.miscoordinations
 
@@ -72,10 +62,9 @@ def test_no_doorway_and_one_robot(make):
     assert shortest_path_reference(alone).miscoordinations == 0
 
 
-def test_keeping_right_by_hand(make):
-    """Two robots around a pillar: never on the same side, or in half of the trials."""
+def test_ways_around_a_pillar_by_hand(make):
+    """Two robots around a pillar: on the same side in half of the trials."""
     scenario = make(".D.\n1#2\n.D.", move_success=1)
-    assert shortest_path_reference(scenario, keep_right=True).miscoordinations == 0
     assert shortest_path_reference(scenario).miscoordinations == pytest.approx(
         0.5, abs=1e-12
     )

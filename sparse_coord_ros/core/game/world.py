@@ -60,10 +60,6 @@ class RewardWeights(NamedTuple):
     ask_cost: float
 
 
-SUM_OF_PARTS = RewardWeights(1.0, 1.0, 1.0)
-"""R_k(t) itself, as the paper has it."""
-
-
 class Action(NamedTuple):
     """The action of an agent at a time step.
 

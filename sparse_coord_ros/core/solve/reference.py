@@ -18,7 +18,7 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.percents import percent
-from sparse_coord_ros.core.game.actions import DIRECTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
     any_together,
@@ -71,12 +71,12 @@ class Reference:
         """True if it is exact: no trials were played."""
         return self.trials == 0
 
-    def measure_in_words(self, name: str, digits: int = 2) -> str:
+    def measure_in_words(self, name: str) -> str:
         """Return a measure by its name, with its standard error if it is of trials."""
-        value = f"{getattr(self, name):.{digits}f}"
+        value = f"{getattr(self, name):.2f}"
         if self.exact:
             return value
-        return f"{value} ({getattr(self, f'{name}_error'):.{digits}f})"
+        return f"{value} ({getattr(self, f'{name}_error'):.2f})"
 
     def in_words(self) -> str:
         """Return return and miscoordinations, with their errors, and the failures."""
@@ -89,23 +89,20 @@ class Reference:
         return text
 
 
-def shortest_path_reference(
-    scenario: ScenarioLike, *, keep_right: bool = False
-) -> Reference:
+def shortest_path_reference(scenario: ScenarioLike) -> Reference:
     """Return the value of fixed shortest paths, with no coordination (paper, Section 4).
 
-    It is what Indiv. tends to. `returns` (total discounted) and `time_to_goal` (steps) are means
-    over the robots, `miscoordinations` is that of a trial. It is exact (`exact`), but for more
-    than two robots that swap or block it is the mean of 10,000 trials, with standard errors.
+    It is what Indiv. tends to. Of equally short ways each move is equally likely at every cell, as
+    greedy agents choose between equal values. `returns` (total discounted) and `time_to_goal`
+    (steps) are means over the robots, `miscoordinations` is that of a trial. It is exact
+    (`exact`), but for more than two robots that swap or block it is the mean of 10,000 trials,
+    with standard errors.
 
     Args:
         scenario: the problem.
-        keep_right: whether robots choose between equally short ways the one furthest to the
-            right, as seen by a robot that faces its goal; if not, each move is equally likely at
-            every cell, as greedy agents choose between equal values.
     """
     scenario = loaded(scenario)
-    moves = [_shortest(scenario, robot, keep_right) for robot in scenario.robots]
+    moves = [_shortest(scenario, robot) for robot in scenario.robots]
     if only_together(interactions_of(scenario)):
         return _independent(scenario, moves)
     if len(scenario.robots) > MOST_ROBOTS:
@@ -267,7 +264,7 @@ def expected_meetings(scenario: Scenario) -> np.ndarray:
     Steps are discounted, and end at the horizon. Equally short ways are equally likely. Robots are
     not in each other's way, and none counts at its own goal.
     """
-    moves = [_shortest(scenario, robot, keep_right=False) for robot in scenario.robots]
+    moves = [_shortest(scenario, robot) for robot in scenario.robots]
     goals = [robot.goal for robot in scenario.robots]
     found = np.zeros(len(scenario.map.cells))
     places_in_time = itertools.islice(
@@ -326,7 +323,7 @@ def _equal_shares(moves: np.ndarray, whole: float) -> np.ndarray:
     return np.where(moves, whole / count, 0.0)
 
 
-def _shortest(scenario: Scenario, robot: Robot, keep_right: bool) -> np.ndarray:
+def _shortest(scenario: Scenario, robot: Robot) -> np.ndarray:
     """Shape (cells, 4): the moves that a robot chooses from; at its goal none."""
     grid = scenario.map
     distance = grid.distances_to(robot.goal)
@@ -335,22 +332,5 @@ def _shortest(scenario: Scenario, robot: Robot, keep_right: bool) -> np.ndarray:
         moves = [
             a for a, y in enumerate(grid.next_cell[x]) if distance[y] == distance[x] - 1
         ]
-        if keep_right:
-            moves = [_furthest_right(grid.cells[x], grid.cells[robot.goal], moves)]
         chosen[x, moves] = True
     return chosen
-
-
-def _furthest_right(
-    here: tuple[int, int], goal: tuple[int, int], moves: list[int]
-) -> int:
-    """Return the move furthest clockwise, seen from `here` with the goal ahead."""
-    ahead = (goal[0] - here[0], goal[1] - here[1])
-
-    def clockwise(move: int) -> float:
-        down, right = DIRECTIONS[move]
-        return math.atan2(
-            ahead[1] * down - ahead[0] * right, ahead[0] * down + ahead[1] * right
-        )
-
-    return max(moves, key=clockwise)
