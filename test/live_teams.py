@@ -8,8 +8,8 @@ from pathlib import Path
 
 import yaml
 from rclpy.serialization import deserialize_message
+from teams import tables_equal
 
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import load_run

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios on small maps that a test draws, teams that walk to their goals, code of others."""
+"""Scenarios that a test draws, teams on shortest paths, code of others; what is the same."""
 
 import sys
 from contextlib import contextmanager
@@ -8,18 +8,21 @@ from contextlib import contextmanager
 import numpy as np
 
 from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.agent import Agent, Choice
 from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import memory_of
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.rules import expected, reward_of
+from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.history import HistoryRecorder, concatenated
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team, tables_from_values
+from sparse_coord_ros.core.runs.tables import load_team, tables_of
 from sparse_coord_ros.core.runs.team import Team, groups_of
 
 PROTOCOL = {
@@ -196,3 +199,42 @@ def forgotten():
             yield
     finally:
         sys.modules.pop("theirs", None)
+
+
+def tables_from_values(scenario, k, q_star, q_coord=None):
+    """Return tables with these values.
+
+    An entry of Q* counts as updated once if it is not what Q* begins with.
+
+    Args:
+        scenario: the problem.
+        k: the robot, from 0.
+        q_star: Q*, shape (cells, 5), float64; NaN in column 4 for robots that cannot ask.
+        q_coord: Q^C of pairs, shape (cells, cells, 4), float64; None: what it begins with.
+    """
+    asks = not np.isnan(q_star[:, COORDINATE]).any()
+    learner = learner_of("coop" if asks else "noncoop")
+    begun = memory_of(learner.mind(scenario, k))
+    memory = begun | {"q_star": q_star}
+    if asks and q_coord is not None:
+        rows = q_coord.reshape(-1, PRIMITIVES)
+        memory["q_coord_keys"] = np.arange(len(rows))
+        memory["q_coord_values"] = rows
+        memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
+    checked = tables_of(scenario, learner, k, memory).memory
+    differs = (q_star != begun["q_star"]) & ~np.isnan(q_star)
+    updates = differs.astype(np.int64)
+    return tables_of(scenario, learner, k, {**checked, "updates": updates})
+
+
+def tables_equal(one, other):
+    """Return whether two teams have the same tables, bit for bit."""
+    return len(one) == len(other) and all(
+        memories_equal(a.memory, b.memory) for a, b in zip(one, other, strict=True)
+    )
+
+
+def same_bits(one, other):
+    """Return whether two histories are equal, bit for bit."""
+    pairs = zip(one, other, strict=True)
+    return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import pytest
+from teams import same_bits
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
@@ -105,7 +106,7 @@ def test_training_is_what_train_computes(printed, scenario, training):
     )
     run = sc.load_run(directory["directory"])
     assert (run.scenario, run.learner.label, run.seed) == (scenario, "coop", 3)
-    assert run.history.same_bits(training.history)
+    assert same_bits(run.history, training.history)
     evaluated = printed("evaluate", run.directory, "--trials", 20, "--seed", 5)
     for learned in (run, training):
         ours = sc.evaluate(learned, trials=20, seed=5)
@@ -142,7 +143,7 @@ def test_many_runs_are_the_single_ones(scenario, training):
     )
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert [run.seed for run in many] == [2, 3, 4]
-    assert many[1].history.same_bits(training.history)
+    assert same_bits(many[1].history, training.history)
     assert (
         sc.evaluate(many[1], trials=9).to_dict()
         == sc.evaluate(training, trials=9).to_dict()

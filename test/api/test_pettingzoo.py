@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("pettingzoo")  # package.xml does not bring it: it has no rosdep key
 from pettingzoo.test import parallel_api_test
-from teams import drawn, plain_run, walking
+from teams import drawn, plain_run, tables_equal, walking
 
 from sparse_coord_ros.api import evaluate
 from sparse_coord_ros.base.errors import RunError, SettingError
@@ -16,7 +16,6 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.pettingzoo_env import parallel_env
 
 

@@ -6,11 +6,10 @@ import json
 from contextlib import closing
 
 import pytest
-from teams import plain_run, tables_in
+from teams import plain_run, tables_equal, tables_in
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import pack_tables
 from sparse_coord_ros.log.bags import BagWriter

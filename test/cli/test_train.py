@@ -15,13 +15,12 @@ from dataclasses import replace
 
 import pytest
 from patience import PATIENCE_SECONDS
-from teams import plain_run, tables_in
+from teams import plain_run, same_bits, tables_equal, tables_in
 
 from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.base.files import take_lock
 from sparse_coord_ros.cli import evaluate as evaluate_verb
 from sparse_coord_ros.cli import train as train_verb
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import load_run
 
@@ -70,7 +69,7 @@ def test_train(sparse_coord, folder):
     expected = learned(directory)
     run = load_run(directory)
     assert (run.learner, run.seed, run.scenario.max_steps) == ("indiv", 4, 40)
-    assert load_history(directory).same_bits(expected.history)
+    assert same_bits(load_history(directory), expected.history)
     assert tables_equal(tables_in(directory), expected.tables)
     table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
     assert out.startswith(table)
@@ -211,7 +210,7 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
         "run.yaml",
         "tables.npz",
     ]
-    assert load_history(folder / "a").same_bits(learned(folder / "a").history)
+    assert same_bits(load_history(folder / "a"), learned(folder / "a").history)
     assert "is finished" in sparse_coord("train", "--resume", "a")[2]
     (folder / "a" / "checkpoint").mkdir()
     assert (

@@ -10,7 +10,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from teams import PROTOCOL
+from teams import PROTOCOL, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine import batch
@@ -20,7 +20,7 @@ from sparse_coord_ros.core.learners import mind
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import FREE
-from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs import team as team_module
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team
@@ -40,7 +40,7 @@ def assert_same_run(one, other):
     assert tables_equal(one.tables, other.tables)
     assert one.visited.tolist() == other.visited.tolist()
     if len(one.history.length) and len(other.history.length):
-        assert one.history.same_bits(other.history)
+        assert same_bits(one.history, other.history)
     assert_same_trials(one.trials, other.trials)
 
 

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 from patience import PATIENCE_SECONDS
+from teams import same_bits
 
 # package.xml does not bring it: it has no rosdep key
 pytest.importorskip("distributed")
@@ -99,7 +100,7 @@ def test_many_runs_come_in_the_order_of_their_seeds(scheduler):
     there = sc.train_many(scenario, "coop", scheduler=scheduler, **few)
     assert [run.seed for run in there] == [0, 1, 2, 3, 4]
     for one, other in zip(here, there, strict=True):
-        assert one.history.same_bits(other.history)
+        assert same_bits(one.history, other.history)
         assert (one.trials.returns == other.trials.returns).all()
 
 

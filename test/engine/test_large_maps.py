@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from teams import tables_equal
 
 from sparse_coord_ros.core.game import scenario as scenarios
 from sparse_coord_ros.core.game.grid import GridMap
@@ -12,7 +13,7 @@ from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import part
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import JointTable, tables_equal
+from sparse_coord_ros.core.learners.tables import JointTable
 from sparse_coord_ros.core.runs.run import LearningRun, learn
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import evaluate_exact

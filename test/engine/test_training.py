@@ -8,12 +8,12 @@ import threading
 
 import numpy as np
 import pytest
+from teams import tables_equal
 
 from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.engine.training import engine_for, train
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.evaluation import play, summary
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")

@@ -7,12 +7,12 @@ import runpy
 from pathlib import Path
 
 import pytest
+from teams import tables_equal
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.plugins import allow_modules
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.tables import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ELSEWHERE = ("own_robot.py",)

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from teams import tables_equal, tables_from_values
 
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, SOUTH, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -11,8 +12,6 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import tables_equal
-from sparse_coord_ros.core.runs.tables import tables_from_values
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
 ASK = Decision(COORDINATE, (1,))

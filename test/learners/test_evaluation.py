@@ -7,7 +7,7 @@ import statistics
 
 import numpy as np
 import pytest
-from teams import untrained, walking
+from teams import tables_from_values, untrained, walking
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -20,7 +20,6 @@ from sparse_coord_ros.core.runs.evaluation import (
     play,
     summary,
 )
-from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.runs.trials import Trials
 
 GAMMA = 0.95

@@ -3,6 +3,7 @@
 """The learning history: what goes into a row, curves, data frames and files."""
 
 import pytest
+from teams import same_bits
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
@@ -71,7 +72,7 @@ def test_asking_for_it_in_between_changes_nothing():
             whole.add(*what)
             before = recorder.history()
             assert before.length.sum() == before.miscoordinations.sum()
-    assert recorder.history().same_bits(whole.history())
+    assert same_bits(recorder.history(), whole.history())
     assert whole.history().episodes == 300
     assert before.length[-1] == 3
 
@@ -86,7 +87,7 @@ def test_going_on_with_an_episode_and_after_one():
         if under_way:
             expected.add(3, *what)
             expected.add(4, 15, *what[1:])
-            assert recorder.history().same_bits(expected.history())
+            assert same_bits(recorder.history(), expected.history())
         assert recorder.history().episodes == (4 if under_way else 5)
 
 
@@ -155,14 +156,14 @@ def test_file(tmp_path):
     history = recorded().history()
     history.save(tmp_path)
     found = load_history(tmp_path)
-    assert found.same_bits(history)
+    assert same_bits(found, history)
     assert [array.dtype for array in found] == [array.dtype for array in history]
     other = recorded()
     other.add(3, 12, [MOVE, None], outcome(reward(), reward()))
-    assert not other.history().same_bits(history)
+    assert not same_bits(other.history(), history)
     HistoryRecorder(4).history().save(tmp_path)
-    assert load_history(tmp_path).same_bits(blank_history(0, 4))
-    assert not blank_history(0, 4).same_bits(blank_history(0, 3))
+    assert same_bits(load_history(tmp_path), blank_history(0, 4))
+    assert not same_bits(blank_history(0, 4), blank_history(0, 3))
 
 
 def test_files_that_are_none(tmp_path):

@@ -4,13 +4,14 @@
 
 import numpy as np
 import pytest
+from teams import tables_equal, tables_from_values
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import memory_of
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.tables import (
     TEAM_FILE,
@@ -19,7 +20,6 @@ from sparse_coord_ros.core.runs.tables import (
     pack_tables,
     robot_file,
     save_team,
-    tables_from_values,
     unpack_saved,
 )
 from sparse_coord_ros.core.runs.team import Team

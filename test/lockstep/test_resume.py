@@ -6,11 +6,11 @@ import os
 from types import SimpleNamespace
 
 import pytest
-from teams import plain_run
+from teams import plain_run, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.tables import memories_equal, tables_equal
+from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts, WorldAttempts
@@ -49,7 +49,7 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
     team.play([*killed_everywhere(700), *killed_everywhere(1100)])
     scenario = team.scenario  # with the learner's changes
     assert tables_equal(team.tables, learn(scenario, learner, 5))
-    assert team.world.side.history.history().same_bits(history(scenario, learner))
+    assert same_bits(team.world.side.history.history(), history(scenario, learner))
     assert not team.disturbed
     whole = Team(scenario, 2, learner=learner).play()
     # the counts beside the tables are also those of an unbroken run
@@ -222,7 +222,7 @@ def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
     world = stores["world_simulator"].load(80)
     state = played.world.side.snapshot(80)
     assert world[:-1] == state[:-1]
-    assert world.history.same_bits(state.history)
+    assert same_bits(world.history, state.history)
     robot = stores["robot_2"].load(80)
     state = played.up[1].side.snapshot()
     assert robot[1:-1] == state[1:-1]

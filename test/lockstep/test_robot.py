@@ -4,13 +4,13 @@
 
 import numpy as np
 import pytest
+from teams import tables_from_values
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.wire import COUNTS, PerceptEnd, SelfReport
 

@@ -10,12 +10,11 @@ import random
 
 import numpy as np
 import pytest
-from teams import PROTOCOL
+from teams import PROTOCOL, tables_equal
 
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.run import learn
 
 from .team import Team

@@ -20,7 +20,7 @@ from live_teams import child_of, command, node_words
 from patience import PATIENCE_SECONDS
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from teams import chosen
+from teams import chosen, same_bits, tables_equal
 
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -28,7 +28,6 @@ from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import HistoryRecorder, load_history
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.ros.nodes import parameters
@@ -364,7 +363,7 @@ def assert_same_tables():
         assert tables_equal(
             load_team(out, said.scenario, said.tables[0].rule), said.tables
         )
-        assert load_history(out).same_bits(said.history)
+        assert same_bits(load_history(out), said.history)
 
     return check
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from teams import tables_in
+from teams import same_bits, tables_in
 
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import open_bag
@@ -51,7 +51,7 @@ def test_what_is_heard_is_what_the_log_says(record, name):
             view.show(transitions=team_heard.seen, episode=team_heard.episode)
             frame = view.board.get("frame")
             seen[frame["step"]] = frame
-    assert team_heard.history.history().same_bits(log.history())
+    assert same_bits(team_heard.history.history(), log.history())
     assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(
         seen
     )
@@ -90,7 +90,7 @@ def test_topics_may_overtake_one_another(good, late):
         takes[message.topic](message.data)
     for _, message in held:
         takes[message.topic](message.data)
-    assert team.history.history().same_bits(read_run(good.bag).history())
+    assert same_bits(team.history.history(), read_run(good.bag).history())
     assert team.whole and team.seen == good.run.scenario.steps
 
 

@@ -5,9 +5,9 @@
 import struct
 
 import pytest
+from teams import tables_equal
 
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained

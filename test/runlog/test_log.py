@@ -9,13 +9,12 @@ from contextlib import closing
 import numpy as np
 import pytest
 from recordings import copied
-from teams import chosen, plain_run
+from teams import chosen, plain_run, same_bits, tables_equal
 
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.log.bags import BagWriter
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.log.bags.reader import open_bag
@@ -131,7 +130,7 @@ def test_its_history_is_that_of_the_simulation(record, name, settings):
     learning.advance(300)
     expected = learning.history
     assert found.length.sum() == 300
-    assert found.same_bits(expected)
+    assert same_bits(found, expected)
 
 
 def test_a_history_counts_whole_transitions_only(run):

@@ -4,9 +4,8 @@
 
 import numpy as np
 import pytest
-from teams import Traces, plain_run
+from teams import Traces, plain_run, tables_equal
 
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.log.runlog import read_run, relearned, verify
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.log.runlog.window import LongLog

@@ -12,10 +12,10 @@ from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message, serialize_message
 from recordings import rolled_back, with_tables
 from sensor_msgs.msg import JointState
+from teams import tables_equal
 
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.world import Action, Reward
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.log.runlog import read_run, verify

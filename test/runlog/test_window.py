@@ -7,10 +7,10 @@ import shutil
 import numpy as np
 import pytest
 import recordings
+from teams import same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import concatenated
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.bags import contents, open_bag
@@ -71,7 +71,7 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
             np.array_equal(getattr(part, name), getattr(same, name)) for name in ARRAYS
         )
     parts = [part.history for part in log.episodes()]
-    assert concatenated(parts).same_bits(due.history())
+    assert same_bits(concatenated(parts), due.history())
     log.bag.close()
 
 
@@ -82,7 +82,7 @@ def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, siz
     log = LongLog(bag)
     parts = list(log.episodes())
     assert len(parts) >= 3 or size > 1
-    assert concatenated([part.history for part in parts]).same_bits(whole.history())
+    assert same_bits(concatenated([part.history for part in parts]), whole.history())
     rows, robots = np.nonzero(whole.asked)
     due = whole.step[rows], robots, whole.cells[rows, robots]
     found = [
@@ -127,7 +127,7 @@ def test_the_whole_log_as_far_as_some_topics_tell(bag):
     found = log.whole((*window.MOVES, wire.STATUS))
     for name in ("step", "cells", "action", "asked", "perceived", "reward", "numbers"):
         assert getattr(found, name).tobytes() == getattr(due, name).tobytes(), name
-    assert found.history().same_bits(due.history())
+    assert same_bits(found.history(), due.history())
     assert found.messages.statuses == due.messages.statuses and not found.requests
     assert tables_equal(list(found.tables.values()), list(due.tables.values()))
     log.bag.close()

@@ -7,14 +7,13 @@ import json
 
 import numpy as np
 import pytest
-from teams import drawn
+from teams import drawn, tables_from_values
 
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import ResultsError
 from sparse_coord_ros.base.share import share_file
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.solve import asking_loops, asking_search
 from sparse_coord_ros.core.solve.asking_loops import PLAIN
 from sparse_coord_ros.core.solve.asking_search import (

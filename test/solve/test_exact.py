@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from teams import drawn, walking
+from teams import drawn, tables_from_values, walking
 
 from sparse_coord_ros.base.errors import SettingError, TablesError
 from sparse_coord_ros.core.engine.batch import run_batch
@@ -15,7 +15,6 @@ from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import play, summary
-from sparse_coord_ros.core.runs.tables import tables_from_values
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve import exact, exact_loops
 from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact, exact_means

@@ -149,13 +149,6 @@ class JointTable:
         return np.array(rows)
 
 
-def tables_equal(one: Sequence[Tables], other: Sequence[Tables]) -> bool:
-    """Return whether two teams have the same tables, bit for bit."""
-    return len(one) == len(other) and all(
-        memories_equal(a.memory, b.memory) for a, b in zip(one, other, strict=True)
-    )
-
-
 def memories_equal(one: Memory, other: Memory) -> bool:
     """Return whether robots have the same memory, bit for bit."""
     if one.keys() != other.keys():

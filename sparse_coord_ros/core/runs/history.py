@@ -139,11 +139,6 @@ class History(NamedTuple):
             }
         )
 
-    def same_bits(self, other: "History") -> bool:
-        """True if two histories are equal, bit for bit."""
-        pairs = zip(self, other, strict=True)
-        return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
-
     def first(self, episodes: int) -> "History":
         """Return the first episodes: no copy."""
         return History(*(array[:episodes] for array in self))

@@ -21,12 +21,11 @@ import numpy as np
 from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.errors import TablesError, retold
 from sparse_coord_ros.base.files import read_file, write_whole
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
-from sparse_coord_ros.core.learners.mind import Memory, memory_of
-from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.learners.tables import Tables
 
 TEAM_FILE = "tables.npz"
@@ -186,34 +185,3 @@ def tables_of(
             f"q_star has {len(memory['q_star'])} cells, the map has {cells}"
         )
     return Tables(scenario, learner, k, memory)
-
-
-def tables_from_values(
-    scenario: Scenario, k: int, q_star: np.ndarray, q_coord: np.ndarray | None = None
-) -> Tables:
-    """Return tables of values from elsewhere, such as another program.
-
-    An entry of Q* counts as updated once if it is not what Q* begins with.
-
-    Args:
-        scenario: the problem.
-        k: the robot, from 0.
-        q_star: Q*, shape (cells, 5), float64; NaN in column 4 for robots that cannot ask.
-        q_coord: Q^C of pairs, shape (cells, cells, 4), float64; None: what it begins with.
-
-    Raises:
-        TablesError: they do not fit the scenario.
-    """
-    asks = not np.isnan(q_star[:, COORDINATE]).any()
-    learner = learner_of("coop" if asks else "noncoop")
-    begun = memory_of(learner.mind(scenario, k))
-    memory = begun | {"q_star": q_star}
-    if asks and q_coord is not None:
-        rows = q_coord.reshape(-1, PRIMITIVES)
-        memory["q_coord_keys"] = np.arange(len(rows))
-        memory["q_coord_values"] = rows
-        memory["q_coord_updates"] = np.zeros(rows.shape, dtype=np.int64)
-    checked = tables_of(scenario, learner, k, memory).memory
-    differs = (q_star != begun["q_star"]) & ~np.isnan(q_star)
-    updates = differs.astype(np.int64)
-    return tables_of(scenario, learner, k, {**checked, "updates": updates})

@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from teams import plain_run, walking
+from teams import plain_run, same_bits, tables_equal, walking
 
 from sparse_coord_ros.cli import train as train_verb
 from sparse_coord_ros.cli.main import make_parser
@@ -13,7 +13,6 @@ from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
-from sparse_coord_ros.core.learners.tables import tables_equal
 from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.show.page import messages
@@ -106,8 +105,8 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     )
     view.end()
     alone = train(problem, "coop", 0, engine="python", evaluate_every=every, trials=2)
-    assert tables_equal(done.tables, alone.tables) and done.history.same_bits(
-        alone.history
+    assert tables_equal(done.tables, alone.tables) and same_bits(
+        done.history, alone.history
     )
     assert [n for n, _ in done.evaluations] == [n for n, _ in alone.evaluations]
     assert 2.8 < clock.now < 3.6  # 300 steps, 100 a second
