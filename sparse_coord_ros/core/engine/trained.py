@@ -57,11 +57,6 @@ class Training:
         done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
         return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
 
-    @property
-    def finished(self) -> bool:
-        """True if it has learned for the scenario's budget."""
-        return self.transitions >= self.scenario.steps
-
     def save(self, directory: str | Path) -> Path:
         """Write a run's directory, as `sparse_coord train` does: every verb reads it.
 

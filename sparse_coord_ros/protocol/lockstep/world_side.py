@@ -9,7 +9,6 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.core.game.game import Game, ResumableGame
 from sparse_coord_ros.core.game.world import Action, Position, Reward, World
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
 from sparse_coord_ros.core.runs.run import TeamTransition
@@ -76,9 +75,9 @@ class WorldSide:
     """
 
     def __init__(
-        self, run: RunConfig, port: WorldPort, game: Game | None = None
+        self, run: RunConfig, port: WorldPort, game: World | None = None
     ) -> None:
-        self.world: Game = World(run.scenario, run.seed) if game is None else game
+        self.world = World(run.scenario, run.seed) if game is None else game
         self.timeouts = self.left_out = self.stale = 0
         self.began: str = StartReason.START
         self.absent: set[int] = set()
@@ -127,15 +126,13 @@ class WorldSide:
             self._port.episode(self.world.step)
         self._publish_states()
 
-    def snapshot(self, step: int | None = None) -> WorldState | None:
-        """Return the world's state; None: its game cannot be resumed.
+    def snapshot(self, step: int | None = None) -> WorldState:
+        """Return the world's state.
 
         Args:
             step: the time step under which the robots save; None: the current one.
         """
         world = self.world
-        if not isinstance(world, ResumableGame):
-            return None
         own = (self.timeouts, self.left_out, self.stale)
         counts = (world.episode, world.miscoordinations, *own)
         step = world.step if step is None else step
@@ -147,7 +144,6 @@ class WorldSide:
         """Continue from an earlier state of this run; None: its beginning. Then call `start`."""
         state = state or self._beginning
         world = self.world
-        assert state is not None and isinstance(world, ResumableGame)
         world.go_on_from(state.position)
         self.began = state.began
         self.absent = set(state.absent)

@@ -16,7 +16,6 @@ from sparse_coord_ros.base.errors import NameTakenError, RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.yaml_text import to_yaml
-from sparse_coord_ros.core.game.game import Game
 from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
@@ -99,7 +98,7 @@ class WorldSimulator(ParameterNode):
         self.bodies: WorldBodies | None = None
         if self.run.bodies:
             self.bodies = WorldBodies(self, self.run, self._advance_where_due)
-            game: Game = self.bodies.game
+            game: World = self.bodies.game
         else:
             game = World(self.run.scenario, self.run.seed)
         self.topics = WorldTopics(self, self.run, game, self._save)
@@ -373,9 +372,8 @@ class WorldSimulator(ParameterNode):
 
     def _save(self, step: int) -> None:
         """Save the world's state; the robots save under the same time step."""
-        state = self.lockstep.snapshot(step)
-        if self._output is not None and state is not None:
-            self._output.checkpoint(state)
+        if self._output is not None:
+            self._output.checkpoint(self.lockstep.snapshot(step))
 
     def finish(self, *, interrupted: bool) -> None:
         """Publish the last status, write summary and history, and wait for the readers."""

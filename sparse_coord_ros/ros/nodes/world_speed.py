@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The speed of a world."""
 
-from sparse_coord_ros.core.game.game import Game
+from sparse_coord_ros.core.game.world import World
 
 
 class WorldSpeed:
@@ -16,7 +16,7 @@ class WorldSpeed:
         reported: the time of the last call of `report`.
     """
 
-    def __init__(self, world: Game, now: float) -> None:
+    def __init__(self, world: World, now: float) -> None:
         self._world = world
         self._began: tuple[float, int] | None = None
         self._ended: float | None = None

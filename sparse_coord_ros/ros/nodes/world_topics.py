@@ -9,8 +9,7 @@ from typing import Any
 
 from std_msgs.msg import String
 
-from sparse_coord_ros.core.game.game import Game
-from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.game.world import Action, Reward, World
 from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RunConfig
 from sparse_coord_ros.protocol.lockstep.timeouts import Silence
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
@@ -43,7 +42,7 @@ class WorldTopics:
         self,
         node: ParameterNode,
         run: RunConfig,
-        game: Game,
+        game: World,
         save: Callable[[int], None],
     ) -> None:
         self._node = node

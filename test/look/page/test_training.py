@@ -223,7 +223,7 @@ def test_holding_and_stepping(clock):
         3.0: lambda: note(Control(PAUSE, False)),
     }
     done = train(problem, "coop", 0, engine="python", watcher=view)
-    assert done.finished
+    assert done.transitions == problem.steps
     first = held[0][1]
     assert held == [("paused", first), ("paused", first + 1), ("paused", first + 2)]
 
