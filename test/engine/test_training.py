@@ -59,24 +59,39 @@ def test_train(engine, learner):
     assert done.evaluations[0][1] != expected
 
 
+class StopAt:
+    """A watcher that interrupts a run after so many transitions."""
+
+    wants_transition = False
+
+    def __init__(self, transitions):
+        self.transitions = transitions
+
+    def look(self, learning, transition):
+        left = self.transitions - learning.done
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        return left
+
+
+def stopped(transitions, *what, **how):
+    """Train up to a checkpoint, interrupted after so many transitions."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            train(*what, watcher=StopAt(transitions), **how)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize(("name", "learner", "settings"), [CASES[0], CASES[3]])
 def test_resume(tmp_path, name, learner, settings):
     """On the other engine; the two have each begun, and ended, some of the cases."""
     scenario = problem(name, **settings)
     file = tmp_path / "checkpoint.npz"
     first, second = ("numba", "python") if learner == "coop" else ("python", "numba")
-    # fmt: skip
-    part = train(
-        scenario,
-        learner,
-        4,
-        engine=first,
-        checkpoint=file,
-        until=450,
-        evaluate_every=200,
-        trials=4,
-    )
-    assert part.transitions == 450
+    how = {"engine": first, "evaluate_every": 200, "trials": 4}
+    stopped(450, scenario, learner, 4, checkpoint=file, **how)
     done = train(scenario, learner, 4, engine=second, checkpoint=file, resume=True)
     whole = train(scenario, learner, 4, engine=first, evaluate_every=200, trials=4)
     assert done.evaluations == whole.evaluations
@@ -87,7 +102,7 @@ def test_resume(tmp_path, name, learner, settings):
     ("engine", "number"), [("python", signal.SIGTERM), ("numba", signal.SIGINT)]
 )
 def test_an_interrupt_saves_before_it_is_heard(tmp_path, engine, number):
-    scenario = problem("env1", steps=400_000)
+    scenario = problem("env1", steps=20_000)
     file = tmp_path / "checkpoint.npz"
 
     def progress(done, budget):
@@ -108,12 +123,9 @@ def test_an_interrupt_saves_before_it_is_heard(tmp_path, engine, number):
     finally:
         for n, handler in before.items():
             signal.signal(n, handler)
-    until = sent[0] + 1000
-    part = train(
-        scenario, "coop", 1, engine=engine, checkpoint=file, resume=True, until=until
-    )
-    assert part.transitions == until
-    whole = train(scenario, "coop", 1, engine=engine, until=until)
+    assert 4000 < sent[0] < 20_000
+    part = train(scenario, "coop", 1, engine=engine, checkpoint=file, resume=True)
+    whole = train(scenario, "coop", 1, engine=engine)
     assert tables_equal(part.tables, whole.tables)
 
 
@@ -142,7 +154,7 @@ def test_a_second_interrupt_does_not_wait(tmp_path):
 def test_what_cannot_be_gone_on_with(tmp_path):
     scenario = problem("env1")
     file = tmp_path / "checkpoint.npz"
-    train(scenario, "coop", 4, checkpoint=file, until=100)
+    stopped(100, scenario, "coop", 4, checkpoint=file)
 
     def refused(match, scenario=scenario, learner="coop", seed=4, file=file):
         with pytest.raises(RunError, match=match) as caught:
@@ -168,7 +180,7 @@ def test_what_cannot_be_gone_on_with(tmp_path):
         np.savez(file, **{**known, name: known[name][:-1]})
         refused("checkpoint.npz: .*is .* of shape")
     np.savez(file, **known)
-    train(scenario, "coop", 4, checkpoint=file, resume=True, until=200)
+    train(scenario, "coop", 4, checkpoint=file, resume=True)
     with pytest.raises(SettingError, match="setting resume"):
         train(scenario, resume=True)
 
@@ -203,9 +215,10 @@ def test_training_in_another_thread(tmp_path):
 def test_other_evaluations_may_be_wanted_where_a_run_goes_on(tmp_path):
     scenario = problem("env1")
     file = tmp_path / "checkpoint.npz"
-    train(scenario, "coop", 4, checkpoint=file, until=450, evaluate_every=200, trials=4)
-    known = {"checkpoint": file, "resume": True, "until": 700}
+    how = {"evaluate_every": 200, "trials": 4}
+    stopped(450, scenario, "coop", 4, checkpoint=file, **how)
+    known = {"checkpoint": file, "resume": True}
     done = train(scenario, "coop", 4, evaluate_every=300, trials=9, **known)
-    assert [step for step, _ in done.evaluations] == [200, 400, 600]
-    whole = train(scenario, "coop", 4, evaluate_every=300, trials=9, until=700)
+    assert [step for step, _ in done.evaluations] == [200, 400, 600, 900, 1200]
+    whole = train(scenario, "coop", 4, evaluate_every=300, trials=9)
     assert done.evaluations[-1] == whole.evaluations[-1]

@@ -37,7 +37,6 @@ from sparse_coord_ros.core.runs.team import Team
 EVERY = Setting(
     "evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000
 )
-UNTIL = Setting("until", int, 0, "transitions after which to stop", low=0)
 EVERY_TRIALS = Setting(
     "trials", int, 200, "trials of each of them", low=2, high=10_000_000
 )
@@ -124,7 +123,6 @@ def train(
     progress: Progress = silent,
     checkpoint: Path | None = None,
     resume: bool = False,
-    until: int | None = None,
     watcher: Watcher | None = None,
 ) -> Training:
     """Learn once, for the scenario's budget: its setting `steps`, in transitions.
@@ -146,7 +144,6 @@ def train(
         progress: called with the transitions done and the budget, several times a second.
         checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
         resume: whether to continue from `checkpoint`.
-        until: transitions after which to stop, and to save; the budget where None.
         watcher: looks at the run several times a second; the bits stay the same.
 
     Raises:
@@ -159,7 +156,6 @@ def train(
     seed = RUN_SETTINGS["seed"].parse(seed)
     evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
     trials = EVERY_TRIALS.parse(trials)
-    until = scenario.steps if until is None else UNTIL.parse(until)
     check_function("progress", progress)
     if checkpoint is not None:
         checkpoint = path_argument("checkpoint", checkpoint)
@@ -187,7 +183,7 @@ def train(
         progress,
         watcher,
     )
-    learning = under_way.run(min(until, scenario.steps))
+    learning = under_way.run()
     return replace(
         batch.result_of(learning),
         evaluations=tuple(under_way.evaluations),
@@ -206,27 +202,27 @@ class _RunUnderWay:
     progress: Progress
     watcher: Watcher | None
 
-    def run(self, until: int) -> LearningRun:
-        """Learn until so many transitions have been made, or a signal comes."""
+    def run(self) -> LearningRun:
+        """Learn for the budget, or until a signal comes."""
         with _held_back(wanted=self.checkpoint is not None) as caught:
-            self._learn(until, caught)
-            if caught or self.learning.done < self.learning.scenario.steps:
+            self._learn(caught)
+            if caught:
                 self._save()
         if caught:
             signal.raise_signal(caught[0])
         return self.learning
 
-    def _learn(self, until: int, caught: list[int]) -> None:
+    def _learn(self, caught: list[int]) -> None:
         learning = self.learning
         budget = learning.scenario.steps
         part = FIRST_PART
         saved = time.monotonic()
         self.progress(learning.done, budget)
-        while learning.done < until and not caught:
-            wanted = self._look(until)
-            if wanted == 0 and learning.done < until:
+        while learning.done < budget and not caught:
+            wanted = self._look()
+            if wanted == 0:
                 continue  # the watcher holds the run
-            target = self._target(until, min(part, wanted or part))
+            target = self._target(min(part, wanted or part))
             began = time.monotonic()
             learning.advance(target)
             took = time.monotonic() - began
@@ -237,16 +233,17 @@ class _RunUnderWay:
                 self._save()
                 saved = time.monotonic()
 
-    def _target(self, until: int, most: int) -> int:
+    def _target(self, most: int) -> int:
         """Return the number of transitions to learn up to, with at most `most` new ones.
 
         A watcher looks once more before the last transition. No evaluation is passed over.
         """
         done = self.learning.done
+        budget = self.learning.scenario.steps
         every = self.evaluate_every
-        target = min(until, done + most)
-        if self.watcher is not None and done < until - 1:
-            target = min(target, until - 1)
+        target = min(budget, done + most)
+        if self.watcher is not None and done < budget - 1:
+            target = min(target, budget - 1)
         if every:
             target = min(target, (done // every + 1) * every)
         return target
@@ -258,7 +255,7 @@ class _RunUnderWay:
         if every and (over or done % every == 0):
             self.evaluations.append((done, summary(self.learning.play(self.trials))))
 
-    def _look(self, until: int) -> int | None:
+    def _look(self) -> int | None:
         """Let the watcher look; return what it returns."""
         learning = self.learning
         watcher = self.watcher
@@ -266,7 +263,9 @@ class _RunUnderWay:
         if watcher is None:
             return None
         following = learning.done + 1
-        apart = following == until or not every or following % every != 0
+        apart = (
+            following == learning.scenario.steps or not every or following % every != 0
+        )
         transition = (
             learning.make_transition() if apart and watcher.wants_transition else None
         )
