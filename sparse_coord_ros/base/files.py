@@ -120,11 +120,6 @@ def _numbered(path: Path) -> Iterator[Path]:
         yield path.with_name(f"{path.name}{number}")
 
 
-def free_name(path: Path) -> Path:
-    """Return an unused name, with a number at its end if necessary."""
-    return next(free for free in _numbered(path) if not os.path.lexists(free))
-
-
 def rescue(
     directory: Path,
     write: Callable[[Path], None],
