@@ -13,10 +13,13 @@ from teams import THEIRS, forgotten
 from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.follower import Follower
+from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.player import Player
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
@@ -58,9 +61,14 @@ def announced(kind):
 
 
 def say(bench, message):
-    """Publish on `run`, latched, to whoever comes; return the node that does."""
+    """Publish a run and its world's status, latched; return the node that does."""
     node = bench.observer()
     node.create_publisher(String, "run", ros_topics.RUN.qos).publish(message)
+    waiting = RunStatus(run="theirs", state=RunState.WAITING, step=0, transitions=0)
+    publisher = node.create_publisher(
+        ros_topics.STATUS.type, "status", ros_topics.STATUS.qos
+    )
+    publisher.publish(status("env1", waiting.state, waiting.values()))
     return node
 
 
