@@ -21,6 +21,7 @@ from sparse_coord_ros.log.bags import (
     open_bag,
     type_hash,
 )
+from sparse_coord_ros.log.bags.layout import RESCUE
 from sparse_coord_ros.log.bags.schemas import schema_text
 
 STRING = "std_msgs/msg/String"
@@ -280,7 +281,7 @@ def test_a_damaged_chunk_ends_reading(chunks, hit, at):
     assert times(bag) == list(range(hit))
     assert bag.finished and bag.damage.startswith(f"byte {block.offset}: a")
     assert bag.ends_early("message 7").endswith(
-        "read to message 7, for the rest: 'pymcap-cli recover' (pip install pymcap-cli)"
+        f"read to message 7, for the rest: {RESCUE}"
     )
 
 

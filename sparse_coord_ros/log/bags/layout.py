@@ -19,8 +19,9 @@ from sparse_coord_ros.base.files import (
     write_whole,
 )
 
-RESCUE = "'pymcap-cli recover' (pip install pymcap-cli)"
-"""What makes a whole bag of the readable parts of a damaged one."""
+RESCUE = "'pymcap-cli recover --always-decode-chunk' (pip install pymcap-cli)"
+"""What makes a whole bag of the readable parts of a damaged one; without the option it copies a
+damaged chunk as it is."""
 
 failing = partial(retold, BagError, OSError)
 """Turns an OSError into a BagError."""
