@@ -111,7 +111,7 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
                 {"out": str(bag)} if kind == RECORDER else {}
             )
             processes[name] = _start(kind, name, own, quiet)
-        interrupted = _wait(processes, bag, stop)
+        interrupted = _wait(processes, out, stop)
     finally:
         _end(processes.values())
     error = None
@@ -143,7 +143,7 @@ def _start(
         return subprocess.Popen(command, start_new_session=True, env=one_host())
 
 
-def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
+def _wait(processes: Mapping[str, Process], out: Path, stop: Stop) -> bool:
     """Wait for all processes; return whether they were stopped early.
 
     The other processes continue without a recorder that has begun its bag; a world without robots
@@ -152,6 +152,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
     Raises:
         RunError: one of the others failed.
     """
+    bag = out / BAG_DIRECTORY
     world = processes[WORLD]
     robots = [
         process for name, process in processes.items() if name not in (WORLD, RECORDER)
@@ -163,6 +164,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         _check(
             {n: p for n, p in processes.items() if n != RECORDER or not bag.exists()},
             running,
+            out,
         )
         if not running:
             # if all processes received the signal, they have ended by themselves
@@ -178,7 +180,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         time.sleep(POLL_SECONDS)
 
 
-def _check(needed: Mapping[str, Process], running: bool) -> None:
+def _check(needed: Mapping[str, Process], running: bool, out: Path) -> None:
     """Raise `RunError` if a process that the others need has failed."""
     codes = {name: code for name, process in needed.items() if (code := process.poll())}
     if EXIT_BAD_INPUT in codes.values():
@@ -186,7 +188,8 @@ def _check(needed: Mapping[str, Process], running: bool) -> None:
     for name, code in codes.items():
         rest = "the others were stopped" if running else "the others had ended"
         raise RunError(
-            f"{name} ended with exit code {code}; {rest}, their results are saved"
+            f"{name} ended with exit code {code}; {rest}, their results are saved; "
+            f"continue with: sparse_coord run --resume {out}"
         )
 
 

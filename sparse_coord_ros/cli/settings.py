@@ -91,7 +91,7 @@ def groups() -> Iterator[tuple[str, str, dict[str, Described]]]:
         ("protocol", "Learning", PROTOCOL),
     ):
         yield group, f"{about} ({by_hand})", _entries(SETTINGS[name] for name in names)
-    how = "options of run and train; ROS parameters of the world"
+    how = "ROS parameters of the world; options of run and train, where they have one"
     yield "run", f"A run ({how})", _entries(RUN_SETTINGS.values())
     yield (
         "drive",

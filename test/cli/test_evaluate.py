@@ -101,6 +101,10 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
         and "a: the run is not finished, its tables are those of a checkpoint" in err
     )
     assert err.endswith(f"continue with: sparse_coord {verb} --resume a\n")
+    (folder / "a/tables.npz").unlink()
+    code, _, err = sparse_coord("evaluate", "a", "--trials", 10)
+    assert code == 2 and err.count("\n") == 1
+    assert "a: the run is not finished and has no tables; continue with: " in err
 
 
 def test_exact(sparse_coord, trained, folder):

@@ -134,6 +134,12 @@ def save_team(directory: Path, memories: Sequence[Memory]) -> None:
     write_whole(directory / TEAM_FILE, data)
 
 
+def has_tables(directory: Path, scenario: Scenario) -> bool:
+    """Return whether a team's tables are in an output directory, as `load_team` reads them."""
+    parts = [robot_file(directory, robot.name) for robot in scenario.robots]
+    return (directory / TEAM_FILE).exists() or all(part.exists() for part in parts)
+
+
 def load_team(
     directory: Path, scenario: Scenario, learner: Learner | None
 ) -> list[Tables]:
