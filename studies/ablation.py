@@ -11,11 +11,13 @@ larger teams against jams, in buildings for validation.
 """
 
 import argparse
+import sys
 
 import numpy as np
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.learners.rules import greatest
 from sparse_coord_ros.core.runs.evaluation import fails
@@ -110,7 +112,10 @@ def told(scenario, learner, options) -> str:
 
 def main() -> None:
     """Let teams learn without each part, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--teams", action="store_true", help="rules against jams")
     parser.add_argument("--scenarios", nargs="+")
     parser.add_argument("--runs", type=int, default=40)
@@ -133,4 +138,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

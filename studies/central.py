@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.studies.lists import LISTS
 
@@ -29,7 +30,10 @@ NAMES = ["paper", "unseen2-pairs", "swap-pairs", "block-pairs"]
 
 def main() -> None:
     """Let teams learn in each scenario of the lists, and print how they stand."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--lists", nargs="+", default=NAMES, choices=NAMES)
     parser.add_argument("--buildings", type=int, help="of each list (default: all)")
     parser.add_argument("--teams", type=int, default=20, help="in each scenario")
@@ -64,4 +68,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -26,6 +26,7 @@ policy leads (real-time dynamic programming; Barto, Bradtke & Singh, Artificial 
 
 import argparse
 import json
+import sys
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -33,6 +34,7 @@ from pathlib import Path
 import numpy as np
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.interactions import check_only_together
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.solve.optimum import payment, successors, value_alone
@@ -306,7 +308,10 @@ def write(scenario, value: float) -> None:
 
 def main() -> None:
     """Compute and print the bounds."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("scenarios", nargs="+", metavar="SCENARIO")
     parser.add_argument("--penalty", type=float, default=-100)
     parser.add_argument("--size", type=int, default=LARGEST_GROUP, help="of a group")
@@ -321,4 +326,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -11,11 +11,13 @@ failed teams and questions of a robot. `--parts` has factored without one part o
 """
 
 import argparse
+import sys
 
 import numpy as np
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.runs.evaluation import fails
 
 KINDS = ("door", "doors", "corridor", "rooms", "loop", "crossing")
@@ -124,11 +126,16 @@ def stood(interactions: str, learner, options) -> dict[str, object]:
 
 def main() -> None:
     """Let teams learn, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--parts", action="store_true", help="of factored")
     seeds = list(range(1, 17, 2))
     parser.add_argument("--seeds", type=int, nargs="+", default=seeds, help="buildings")
-    parser.add_argument("--kinds", nargs="+", default=KINDS, help="of buildings")
+    parser.add_argument(
+        "--kinds", nargs="+", default=KINDS, choices=KINDS, help="of buildings"
+    )
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=77_000, help="of the first team")
@@ -143,4 +150,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -10,10 +10,12 @@ teams, without the map and with it. `--picture` draws the shares against the ste
 """
 
 import argparse
+import sys
 
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 
 PRIORS = ("none", "map")
 
@@ -66,7 +68,10 @@ def draw(found: pd.DataFrame, file: str) -> None:
 
 def main() -> None:
     """Measure, print the table, and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--lists", nargs="+", default=["unseen2-pairs"])
     parser.add_argument("--learners", nargs="+", default=["factored", "coop"])
     steps = [2_000, 5_000, 10_000, 100_000]
@@ -84,4 +89,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

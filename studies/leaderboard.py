@@ -13,11 +13,13 @@ studies/group_bound.py computes them.
 """
 
 import argparse
+import sys
 import time
 
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 
 LISTS = [
@@ -188,7 +190,10 @@ def tune(options) -> pd.DataFrame:
 
 def main() -> None:
     """Judge the entries, or tune the learners, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--tune", action="store_true", help="the twelve trials of each")
     parser.add_argument("--lists", nargs="+", default=LISTS)
     parser.add_argument("--runs", type=int, default=20)
@@ -205,4 +210,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -11,6 +11,7 @@ is named as everywhere. It prints one line.
 
 import argparse
 import resource
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.lab.maps.plan import suggested_settings
 
 SIDE = 13
@@ -50,7 +52,10 @@ def halls(count: int, robots: int, folder: Path) -> Path:
 
 def main() -> None:
     """Learn once, play trials, and print time and memory."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("scenario")
     parser.add_argument("--robots", type=int, default=8, help="of halls")
     parser.add_argument("--learner", default="factored")
@@ -89,4 +94,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

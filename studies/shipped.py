@@ -17,6 +17,7 @@ folder.
 
 import argparse
 import json
+import sys
 from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import chain, product
@@ -25,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.solve.shipped import BestTeam, game_digest, unseen_buildings
 from sparse_coord_ros.studies.lists import LISTS, PENALTY
 
@@ -132,7 +134,10 @@ FINDERS = {"asking": asking, "kinds": kinds, "teams": teams, "unseen": unseen}
 
 def main() -> None:
     """Compute, print, and write."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("what", choices=FINDERS)
     parser.add_argument("--scenarios", nargs="+", default=[])
     parser.add_argument("--restarts", type=int, default=100, help="of each search")
@@ -147,4 +152,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

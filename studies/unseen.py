@@ -21,6 +21,7 @@ reach the result; it is not a bound.
 import argparse
 import functools
 import json
+import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import count, product
 from pathlib import Path
@@ -30,6 +31,7 @@ import numpy as np
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
 from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of, meet
@@ -346,7 +348,10 @@ def chosen(version: str, kind: str, robots: int, options):
 
 def main() -> None:
     """Choose, print, and write."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--kinds", nargs="+", default=[])
     parser.add_argument("--searched", type=int, default=SEARCHED, help="trials")
     parser.add_argument("--judged", type=int, default=JUDGED, help="trials")
@@ -370,4 +375,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -15,11 +15,13 @@ was chosen, and has a table by what the advice said beforehand. The CSV file has
 """
 
 import argparse
+import sys
 
 import numpy as np
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.core.solve.advice import (
@@ -259,7 +261,10 @@ def pooled(own: pd.DataFrame) -> pd.Series:
 
 def main() -> None:
     """Measure, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--advice", action="store_true", help="test the advice")
     parser.add_argument("--maps", nargs="+", help="some of the maps (default: all)")
     parser.add_argument("--runs", type=int, default=10)
@@ -269,6 +274,8 @@ def main() -> None:
     parser.add_argument("--out", help="a CSV file with a row for each condition")
     options = parser.parse_args()
     found = measure(ADVICE if options.advice else STUDY, options)
+    if found.empty:
+        parser.error("--maps: none of the study's maps has such a name")
     if options.out:
         found.to_csv(options.out, index=False)
     found = found[found["gap"] > TINY]
@@ -283,4 +290,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

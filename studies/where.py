@@ -12,11 +12,13 @@ robots spend there, and the share of the cells there. With `--out` the results a
 """
 
 import argparse
+import sys
 
 import numpy as np
 import pandas as pd
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.errors import SparseCoordError
 
 NEAR = 2
 SCENARIOS = ["env1", "env2-2r", "env2-4r", "cit", "cmu", "isr", "mit", "pentagon"]
@@ -34,7 +36,10 @@ def near_doorways(grid) -> np.ndarray:
 
 def main() -> None:
     """Let teams learn, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS)
     parser.add_argument("--learner", default="coop")
     parser.add_argument("--runs", type=int, default=100)
@@ -70,4 +75,8 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
