@@ -22,6 +22,7 @@ from sparse_coord_ros.base.signals import held_back
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.core.runs.run_config import create_output
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.environment import (
     DOMAIN,
@@ -111,7 +112,7 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
                 {"out": str(bag)} if kind == RECORDER else {}
             )
             processes[name] = _start(kind, name, own, quiet)
-        interrupted = _wait(processes, bag, stop)
+        interrupted = _wait(processes, out, stop)
     finally:
         _end(processes.values())
     error = None
@@ -143,7 +144,7 @@ def _start(
         return subprocess.Popen(command, start_new_session=True, env=one_host())
 
 
-def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
+def _wait(processes: Mapping[str, Process], out: Path, stop: Stop) -> bool:
     """Wait for all processes; return whether they were stopped early.
 
     The other processes continue without a recorder that has begun its bag; a world without robots
@@ -156,6 +157,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
     robots = [
         process for name, process in processes.items() if name not in (WORLD, RECORDER)
     ]
+    bag = out / BAG_DIRECTORY
     last_robot = time.monotonic()
     while True:
         # asked before their exit codes
@@ -163,6 +165,7 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         _check(
             {n: p for n, p in processes.items() if n != RECORDER or not bag.exists()},
             running,
+            out,
         )
         if not running:
             # if all processes received the signal, they have ended by themselves
@@ -178,16 +181,17 @@ def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
         time.sleep(POLL_SECONDS)
 
 
-def _check(needed: Mapping[str, Process], running: bool) -> None:
+def _check(needed: Mapping[str, Process], running: bool, out: Path) -> None:
     """Raise `RunError` if a process that the others need has failed."""
     codes = {name: code for name, process in needed.items() if (code := process.poll())}
     if EXIT_BAD_INPUT in codes.values():
         raise RunError("a node stopped because of bad input (see its line above)")
     for name, code in codes.items():
         rest = "the others were stopped" if running else "the others had ended"
-        raise RunError(
-            f"{name} ended with exit code {code}; {rest}, their results are saved"
-        )
+        text = f"{name} ended with exit code {code}; {rest}, their results are saved"
+        if (out / CHECKPOINTS).is_dir():
+            text += f"; continue with: sparse_coord run --resume {out}"
+        raise RunError(text)
 
 
 def _end(processes: Collection[Process]) -> None:
