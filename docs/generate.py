@@ -40,7 +40,6 @@ BELOW = {
             "core.game.scenario",
             "core.game.perception",
             "core.game.world",
-            "core.game.game",
         ],
     ),
     "measures": ("Measures", ["core.runs.evaluation", "core.runs.trials"]),

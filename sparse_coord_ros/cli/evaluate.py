@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
@@ -33,7 +33,7 @@ from sparse_coord_ros.core.runs.evaluation import (
     with_spread,
 )
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import has_tables, load_team
+from sparse_coord_ros.core.runs.tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
@@ -115,23 +115,15 @@ def evaluated(
         SparseCoordError: the run does not exist, or cannot be evaluated in this way.
     """
     run = load_run(directory)
-    saved = has_tables(directory, run.scenario)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
         if (directory / kept).exists() and not robots_elsewhere(
             directory, run.scenario
         ):
-            has = (
-                ", its tables are those of a checkpoint"
-                if saved
-                else " and has no tables"
-            )
-            unfinished = (
-                f"{directory}: the run is not finished{has}; "
-                f"continue with: sparse_coord {verb} --resume {directory}"
-            )
-            if not saved:
-                raise TablesError(unfinished)
-            note(unfinished)
+            remedy = f"continue with: sparse_coord {verb} --resume {directory}"
+            what = f"{directory}: the run is not finished"
+            if missing_files(directory, run.scenario):
+                raise RunError(f"{what} and has no tables yet; {remedy}")
+            note(f"{what}, its tables are those of a checkpoint; {remedy}")
     tables = load_team(directory, run.scenario, run.rule)
     return Evaluated(
         directory, run, evaluation_of(run, tables, trials, seed, exact=exact)

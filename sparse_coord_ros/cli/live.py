@@ -22,6 +22,7 @@ from sparse_coord_ros.base.signals import held_back
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.core.runs.run_config import create_output
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.environment import (
     DOMAIN,
@@ -152,11 +153,11 @@ def _wait(processes: Mapping[str, Process], out: Path, stop: Stop) -> bool:
     Raises:
         RunError: one of the others failed.
     """
-    bag = out / BAG_DIRECTORY
     world = processes[WORLD]
     robots = [
         process for name, process in processes.items() if name not in (WORLD, RECORDER)
     ]
+    bag = out / BAG_DIRECTORY
     last_robot = time.monotonic()
     while True:
         # asked before their exit codes
@@ -187,10 +188,10 @@ def _check(needed: Mapping[str, Process], running: bool, out: Path) -> None:
         raise RunError("a node stopped because of bad input (see its line above)")
     for name, code in codes.items():
         rest = "the others were stopped" if running else "the others had ended"
-        raise RunError(
-            f"{name} ended with exit code {code}; {rest}, their results are saved; "
-            f"continue with: sparse_coord run --resume {out}"
-        )
+        text = f"{name} ended with exit code {code}; {rest}, their results are saved"
+        if (out / CHECKPOINTS).is_dir():
+            text += f"; continue with: sparse_coord run --resume {out}"
+        raise RunError(text)
 
 
 def _end(processes: Collection[Process]) -> None:

@@ -219,5 +219,5 @@ def test_run_stops_the_others_when_a_node_is_killed(start, tmp_path):
     assert "Traceback" not in process.output
     line = process.output.splitlines()[-1]
     assert line.startswith("error: robot_1 ended with exit code -9")
-    assert line.endswith(f"continue with: sparse_coord run --resume {out}")
+    assert line.endswith(f"; continue with: sparse_coord run --resume {out}")
     assert_tables(robot_file(out, "robot_2"), 2)

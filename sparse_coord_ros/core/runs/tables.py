@@ -134,10 +134,12 @@ def save_team(directory: Path, memories: Sequence[Memory]) -> None:
     write_whole(directory / TEAM_FILE, data)
 
 
-def has_tables(directory: Path, scenario: Scenario) -> bool:
-    """Return whether a team's tables are in an output directory, as `load_team` reads them."""
+def missing_files(directory: Path, scenario: Scenario) -> list[str]:
+    """Return the names of the robots' files that are missing; none if `tables.npz` is there."""
+    if (directory / TEAM_FILE).exists():
+        return []
     parts = [robot_file(directory, robot.name) for robot in scenario.robots]
-    return (directory / TEAM_FILE).exists() or all(part.exists() for part in parts)
+    return [part.name for part in parts if not part.exists()]
 
 
 def load_team(
@@ -152,14 +154,14 @@ def load_team(
             learner can have learned what it says.
     """
     numbers = range(1, len(scenario.robots) + 1)
+    missing = missing_files(directory, scenario)
+    if missing:
+        what = f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there"
+        raise TablesError(f"{what}; give the output directory of a finished run")
     if (directory / TEAM_FILE).exists():
         saved = load_saved(directory / TEAM_FILE, numbers)
     else:
         parts = [robot_file(directory, robot.name) for robot in scenario.robots]
-        missing = [part.name for part in parts if not part.exists()]
-        if missing:
-            what = f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there"
-            raise TablesError(f"{what}; give the output directory of a finished run")
         saved = [
             load_saved(part, [k])[0] for k, part in zip(numbers, parts, strict=True)
         ]
