@@ -9,6 +9,7 @@ import queue
 import signal
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,10 @@ def serve(options: argparse.Namespace) -> None:
     board.source = page = ImportPage(options, board)
     for work in (page.work, page.judge):
         threading.Thread(target=work, daemon=True).start()
-    with served(options, learning, board, index="import.html"):
+    with (
+        served(options, learning, board, index="import.html"),
+        suppress(KeyboardInterrupt),  # a Ctrl-C just after a stop
+    ):
         while True:
             try:
                 page.do(*page.wanted.get(), learning)

@@ -123,7 +123,6 @@ def test_reproduce_names_it_in_ids(place, verb):
         verb(
             "reproduce",
             *ids,
-            f"{ids[1]}/1",
             *few,
             "--out",
             engine,
@@ -136,7 +135,7 @@ def test_reproduce_names_it_in_ids(place, verb):
     assert found[0].replace('"auto/', '"python/') == found[1]
     assert [one["id"] for one in json.loads(found[0])["conditions"]] == ids
     assert all((place / "auto/conditions" / f"{one}.json").is_file() for one in ids)
-    again = verb("reproduce", *ids, f"{ids[1]}/1", *few, "--out", "auto", "--json")
+    again = verb("reproduce", *ids, *few, "--out", "auto", "--json")
     assert again == found[0]
     returns = json.loads(found[0])["conditions"][1]["returns"]["mean"]
     assert np.isfinite(returns)

@@ -435,7 +435,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     said = wait_for(
         tab, f"{values}.every((text) => text.includes(' at time step ')) && {values}"
     )
-    assert len(said) == 4
+    assert len(said) == 3
     assert len({text.partition(" at time step ")[2] for text in said}) == 1
     tab.hover("h1")
     wait_for(tab, f"!{values}.some((text) => text.includes(' at time step '))")

@@ -144,15 +144,18 @@ class RobotAttempts:
         """Begin as the world orders; return whether to subscribe anew, then publish `_progress`.
 
         Messages in flight from before the order must not count as new: their steps have the same
-        numbers.
+        numbers. An order to begin at a checkpoint that the robot lacks was given before the world
+        heard the robot's report; another one follows.
 
         Args:
             order: the world's last order.
 
         Raises:
-            RunError: the checkpoint is missing, or of another run.
+            RunError: the checkpoint is of another run.
         """
         if order.attempt in (NO_ATTEMPT, self._known):
+            return False
+        if order.checkpoint not in self._store.steps():
             return False
         self._side.go_on_from(self._fresh(), self._store.load(order.checkpoint))
         self._store.forget_after(order.checkpoint)
