@@ -92,13 +92,20 @@ def test_tables_that_do_not_fit():
         summary(play(scenario, [good, foreign], trials=1, seed=0))
 
 
-def test_tables_of_no_numbers():
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["q_star", "q_coord_values"])
+def test_tables_of_no_numbers(name, value):
     scenario = load_scenario("crowd-3r")
     good = untrained(scenario)
-    memory = good.memory | {"q_star": good.memory["q_star"].copy()}
-    memory["q_star"][0, 1] = np.nan
+    row = {
+        "q_coord_keys": np.zeros(1, dtype=np.int64),
+        "q_coord_values": np.ones((1, 4)),
+        "q_coord_updates": np.ones((1, 4), dtype=np.int64),
+    }
+    memory = {n: array.copy() for n, array in (good.memory | row).items()}
+    memory[name][0, 1] = value
     bad = Tables(scenario, good.rule, 1, memory)
-    with pytest.raises(TablesError, match="robot 2 of .*q_star"):
+    with pytest.raises(TablesError, match=f"robot 2 of .*{name} has values"):
         check_tables(scenario, [good, bad, good], "coop")
 
 

@@ -58,14 +58,13 @@ def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Me
 
 
 def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
-    """Check an array: type and shape are the initial ones, and it has values where those do."""
+    """Check an array: type and shape are the initial ones, with numbers where those have some."""
     kind = np.int64 if begun.dtype.kind == "i" else begun.dtype
     array = member(memory, name, kind, *begun.shape)
     if kind != np.float64:
         return
     nothing = np.isnan(begun)
-    if np.isnan(array[~nothing]).any():
-        raise ValueError(f"{name} has values that are no numbers")
+    _check_finite(array[~nothing], name)
     if not np.isnan(array[nothing]).all():
         raise ValueError(
             f"{name} has values of {ACTIONS[-1]}, which this learner never chooses"
@@ -73,12 +72,18 @@ def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
 
 
 def _check_rows(memory: Memory, name: str, begun: Rows) -> None:
-    """Check a table of rows: its keys are those of joint states, and there is a row for each."""
+    """Check a table of rows: its keys are those of joint states, each with a row of numbers."""
     keys = member(memory, f"{name}_keys", np.int64, None)
     if keys.max(initial=0) >= begun.most:
         raise ValueError(f"{name}_keys are not those of joint states of this scenario")
-    member(memory, f"{name}_values", np.float64, len(keys), PRIMITIVES)
+    values = member(memory, f"{name}_values", np.float64, len(keys), PRIMITIVES)
+    _check_finite(values, f"{name}_values")
     member(memory, f"{name}_updates", np.int64, len(keys), PRIMITIVES)
+
+
+def _check_finite(values: np.ndarray, name: str) -> None:
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} has values that are no finite numbers")
 
 
 def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
