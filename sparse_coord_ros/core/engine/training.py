@@ -27,9 +27,8 @@ from sparse_coord_ros.core.learners.registry import (
     chosen_learner,
     learner_of,
 )
-from sparse_coord_ros.core.learners.rules import replays_of
+from sparse_coord_ros.core.learners.learner import replays_of
 from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
-from sparse_coord_ros.core.runs.forms import check_own_memory
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.runs.team import Team
@@ -169,7 +168,6 @@ def train(
         if evaluate_every is None:
             evaluate_every = saved.evaluate_every
             trials = saved.trials
-    check_own_memory(rule)
     used = engine_for(scenario, rule, engine)
     if used == "numba":
         batch.prepare(rule, history=True)

@@ -19,7 +19,6 @@ from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
 from sparse_coord_ros.core.game.interactions import miscoordinate, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
-    INDEX,
     Problem,
     asking_reward,
     common_reward,
@@ -143,8 +142,8 @@ def room_for_games(
     if phase != EVALUATION:
         exploring = probabilities(scenario.starts, scenario.steps)
     return Games(
-        problem=problem_of(scenario, plain=not compiled),
-        members=np.arange(team, dtype=INDEX) if compiled else range(team),
+        problem=problem_of(scenario),
+        members=np.arange(team),
         exploring=exploring,
         most_steps=longest_episode(scenario, phase),
         in_halves=in_halves,
@@ -153,8 +152,8 @@ def room_for_games(
         first_step=np.zeros(games, dtype=np.int64),
         half=np.zeros(games, dtype=np.bool_),
         ended=np.zeros(games, dtype=np.bool_),
-        cells=np.zeros((games, team), dtype=INDEX),
-        before=np.zeros((games, team), dtype=INDEX),
+        cells=np.zeros((games, team), dtype=np.int64),
+        before=np.zeros((games, team), dtype=np.int64),
         arrived=np.zeros((games, team), dtype=np.bool_),
         chosen=np.zeros((games, team), dtype=np.int64),
         seen=np.zeros((games, team), dtype=np.int64),

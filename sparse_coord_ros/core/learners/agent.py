@@ -164,7 +164,8 @@ class Agent:
             return Action(decision.action, False, NOBODY, False)
         seen, cells = self._percept(cell, decision.peers, perceived)
         k = self.number
-        values = self.learner.asking_values(self.mind, self.task, k, cell, seen, cells)
+        values = self.task.row
+        self.learner.asking_values(self.mind, self.task, k, cell, seen, cells, values)
         move = self.learner.move_after_asking(
             self.mind, self.task, k, step, cell, seen, cells, values
         )
@@ -224,10 +225,11 @@ class Agent:
         """
         peers = () if perceived is None else self.peers[: len(perceived)]
         seen, cells = self._percept(cell, peers, perceived)
-        values = self.learner.asking_values(
-            self.mind, self.task, self.number, cell, seen, cells
+        values = [0.0] * PRIMITIVES
+        self.learner.asking_values(
+            self.mind, self.task, self.number, cell, seen, cells, values
         )
-        return [float(value) for value in values[:PRIMITIVES]]
+        return [float(value) for value in values]
 
     @property
     def asked_in(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    Values,
+    copy_moves,
     greatest,
     ql_update,
     reward_of,
@@ -48,10 +48,10 @@ class NonCoop(Learner):
 
     @staticmethod
     def asking_values(
-        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any
-    ) -> Values:
-        """Return the row of Q*, whatever is perceived."""
-        return mind.q_star[k, cell]
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values of Q*, whatever is perceived."""
+        copy_moves(mind.q_star[k, cell], values)
 
     @staticmethod
     def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:

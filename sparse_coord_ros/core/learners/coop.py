@@ -19,7 +19,7 @@ from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    Values,
+    copy_moves,
     greatest,
     joint_state,
     ql_update,
@@ -84,13 +84,15 @@ class Coop(Learner):
 
     @staticmethod
     def asking_values(
-        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any
-    ) -> Values:
-        """Return the row by which COORDINATE chooses a move."""
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values by which COORDINATE chooses a move."""
         if seen == 0:
-            return mind.q_star[k, cell]  # line 9
+            copy_moves(mind.q_star[k, cell], values)  # line 9
+            return
         state = joint_state(task, k, cell, seen, cells)
-        return mind.q_coord.values[k, find(mind.q_coord, k, state)]  # line 7
+        row = find(mind.q_coord, k, state)
+        copy_moves(mind.q_coord.values[k, row], values)  # line 7
 
     @staticmethod
     def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:

@@ -42,6 +42,7 @@ from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     Values,
+    copy_moves,
     greatest,
     greedy,
     ql_update,
@@ -134,21 +135,21 @@ class CQ(Learner):
 
     @staticmethod
     def asking_values(
-        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any
-    ) -> Values:
-        """Return the row of Q^C, the least of all peers that are perceived, else that of Q*."""
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values of Q^C, the least of all peers that are perceived, else those of Q*."""
         if seen == 0:
-            return mind.q_star[k, cell]
+            copy_moves(mind.q_star[k, cell], values)
+            return
         first = True
         for j in range(task.robots):
             if (seen >> j) & 1:
                 row = find(mind.q_coord, k, pair_key(mind, task, k, cell, j, cells))
                 for b in range(PRIMITIVES):
                     value = mind.q_coord.values[k, row, b]
-                    if first or value < task.row[b]:
-                        task.row[b] = value
+                    if first or value < values[b]:
+                        values[b] = value
                 first = False
-        return task.row
 
     @staticmethod
     def move_after_asking(

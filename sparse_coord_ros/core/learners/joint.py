@@ -25,7 +25,7 @@ from sparse_coord_ros.core.learners.table import Table, find, met, table
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    Values,
+    copy_moves,
     greatest,
     joint_state,
     ql_update,
@@ -99,13 +99,15 @@ class Joint(Learner):
 
     @staticmethod
     def asking_values(
-        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any
-    ) -> Values:
-        """Return the row of Q^C, as Algorithm 1; after a failed percept that of Q*."""
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values of Q^C, as Algorithm 1; after a failed percept those of Q*."""
         if seen == 0:
-            return mind.q_star[k, cell]
+            copy_moves(mind.q_star[k, cell], values)
+            return
         state = joint_state(task, k, cell, seen, cells)
-        return mind.q_coord.values[k, find(mind.q_coord, k, state)]
+        row = find(mind.q_coord, k, state)
+        copy_moves(mind.q_coord.values[k, row], values)
 
     @staticmethod
     def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:

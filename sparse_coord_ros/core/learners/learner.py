@@ -251,9 +251,9 @@ class Learner:
 
     @staticmethod
     def asking_values(
-        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any
-    ) -> Values:
-        """Return the row [move] by which COORDINATE chooses (Algorithm 1, lines 6 to 10).
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values by which COORDINATE chooses a move (Algorithm 1, lines 6 to 10).
 
         Args:
             mind: the team's mind.
@@ -262,6 +262,7 @@ class Learner:
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
             cells: the cells of all robots; those of peers that are not seen mean nothing.
+            values: set [move].
         """
         raise NotImplementedError
 
@@ -286,7 +287,7 @@ class Learner:
             cell: X_k(t).
             seen: as of `asking_values`.
             cells: likewise.
-            values: what `asking_values` returned.
+            values: what `asking_values` set.
         """
         return greedy(values, PRIMITIVES, task.keys[k], step, MOVE_TIE)
 

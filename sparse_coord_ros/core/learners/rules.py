@@ -261,6 +261,13 @@ def ql_update(
     values[b] = (1.0 - alpha) * float(values[b]) + alpha * target
 
 
+@inner
+def copy_moves(source: Values, target: Any) -> None:
+    """Copy the values of the moves."""
+    for b in range(PRIMITIVES):
+        target[b] = source[b]
+
+
 # Joint states.
 
 

@@ -69,10 +69,11 @@ class Tables:
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
             cells: the cells of all robots; those of peers that are not perceived mean nothing.
         """
-        values = self.rule.asking_values(
-            self.mind, self.task, self.number, cell, seen, cells
+        values = [0.0] * PRIMITIVES
+        self.rule.asking_values(
+            self.mind, self.task, self.number, cell, seen, cells, values
         )
-        return [float(value) for value in values[:PRIMITIVES]]
+        return values
 
     @property
     def rule(self) -> "Learner":

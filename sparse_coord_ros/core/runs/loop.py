@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from sparse_coord_ros.base.compiling import inner, jit
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.core.game.draws import TIE
-from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
+from sparse_coord_ros.core.game.interactions import interacting
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
@@ -104,9 +104,43 @@ class Record(NamedTuple):
 
 
 @inner
+def settle(inter: Any, before: Any, cells: Any) -> None:
+    again = inter.blocks
+    team = len(cells)
+    while again:
+        again = False
+        for k in range(team):
+            c = cells[k]
+            if c != before[k] and inter.narrow[c]:
+                for j in range(team):
+                    if j != k and (
+                        (cells[j] == c and (before[j] == c or j < k))
+                        or (before[j] == c and cells[j] == before[k])
+                    ):
+                        cells[k] = before[k]
+                        again = True
+                        break
+
+
+@inner
+def miscoordinates(inter: Any, before: Any, cells: Any) -> bool:
+    for k in range(len(cells)):
+        y = cells[k]
+        place = inter.places[y]
+        for j in range(k):
+            w = cells[j]
+            if place != -1 and place == inter.places[w]:
+                return True
+            if inter.swaps and y != before[k] and y == before[j] and w == before[k]:
+                if inter.passages[y] and inter.passages[w]:
+                    return True
+    return False
+
+
+@inner
 def begin(problem: Problem, run: Run, record: Record) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
-    step = run.clock[STEP]
+    step = int(run.clock[STEP])
     exploring = scheduled(run.exploring, step)
     for k in range(len(run.cells)):
         run.cells[k] = start_of(problem, run.keys, k, step, exploring)
@@ -121,7 +155,7 @@ def begin(problem: Problem, run: Run, record: Record) -> None:
 @inner
 def move_all(problem: Problem, run: Run) -> bool:
     """Move every robot; return whether the step is a miscoordination."""
-    step = run.clock[STEP]
+    step = int(run.clock[STEP])
     for k in range(len(run.cells)):
         if not run.arrived[k]:
             run.cells[k] = led(problem, run.keys, k, step, run.before[k], run.moves[k])
@@ -200,9 +234,9 @@ def loop_of(learner: type[Learner]) -> Callable[..., None]:
                 seen = 0
                 if action == COORDINATE:
                     seen = perceive(problem, run.keys, k, step, cells)
-                    values = asking_values(mind, task, k, cell, seen, cells)
+                    asking_values(mind, task, k, cell, seen, cells, task.row)
                     move = move_after_asking(
-                        mind, task, k, step, cell, seen, cells, values
+                        mind, task, k, step, cell, seen, cells, task.row
                     )
                     record.asks[row, k] += 1
                     record.asked[k, cell] += 1
@@ -232,8 +266,8 @@ def loop_of(learner: type[Learner]) -> Callable[..., None]:
                         seen = everybody_but(k, team)
                     met = UNKNOWN_PARTNERS
                     if wants_partners:
-                        met = partners(
-                            problem.interactions, before, run.wanted, cells, k
+                        met = interacting(
+                            problem.interactions, before, run.wanted, cells, range(team), k
                         )
                     now = Transition(
                         step,
@@ -275,4 +309,4 @@ def loop_of(learner: type[Learner]) -> Callable[..., None]:
 @functools.cache
 def compiled(learner: type[Learner]) -> Callable[..., None]:
     """Return the loop of a learner, compiled by numba when it is first called."""
-    return jit(loop_of(learner), learner)
+    return jit([loop_of(learner)], learner)[0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw, keys_of
-from sparse_coord_ros.core.game.interactions import miscoordinates
+from sparse_coord_ros.core.game.interactions import miscoordinate
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import (
@@ -103,7 +103,7 @@ class LearningRun:
         for group, position, history in zip(
             team.groups, state.positions, state.histories, strict=True
         ):
-            keys = every_key[:, group.robots]
+            keys = np.ascontiguousarray(every_key[:, group.robots])
             here = position._replace(
                 cells=tuple(position.cells[k] for k in group.robots),
                 arrived=tuple(position.arrived[k] for k in group.robots),
@@ -144,7 +144,7 @@ class LearningRun:
             full[0] = False
         record = self._records[number]
         if record.used[0] == len(record.length):
-            self._records[number] = with_rows(record, 2 * len(record.length))
+            self._records[number] = longer(record, 2 * len(record.length))
 
     def make_transition(self) -> TeamTransition:
         """Let every group of robots make one transition, and return it."""
@@ -165,7 +165,7 @@ class LearningRun:
                 acted = bool(acts[place])
                 actions.append(self._action(run, place, k, step) if acted else None)
             inter = group.problem.interactions
-            met = met or bool(miscoordinates(inter, run.before, run.cells))
+            met = met or bool(miscoordinate(inter, run.before, run.cells, range(len(run.cells))))
         return TeamTransition(step, tuple(cells), tuple(actions), tuple(after), met)
 
     def _action(self, run: loop.Run, place: int, k: int, step: int) -> Action:
@@ -266,7 +266,7 @@ def record_of(history: History, robots: Sequence[int], cells: int) -> loop.Recor
     return record
 
 
-def with_rows(record: loop.Record, rows: int) -> loop.Record:
+def longer(record: loop.Record, rows: int) -> loop.Record:
     """Return a record with room for so many episodes; a copy."""
     robots, cells = record.asked.shape
     larger = blank_record(rows, robots, cells)

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.learners.corrections import corrections_of
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.mind import Memory, memory_of
-from sparse_coord_ros.core.learners.policy import LEAVING
+LEAVING=0.5
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.dialogue import Request
