@@ -21,7 +21,7 @@ from sparse_coord_ros.core.game.draws import (
     room_for_draws,
     seed_game,
 )
-from sparse_coord_ros.core.game.interactions import miscoordinate, settle
+from sparse_coord_ros.core.game.interactions import miscoordinates, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     INDEX,
@@ -321,8 +321,8 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
             cells[k] = led(
                 problem, draws, k, step, cells[k], actions[i, k] % PRIMITIVES
             )
-    settle(inter, before, cells, games.members)
-    conflict = miscoordinate(inter, before, cells, games.members)
+    settle(inter, before, cells)
+    conflict = miscoordinates(inter, before, cells)
     over = True
     for k in games.members:
         acts = not games.arrived[i, k]

@@ -16,7 +16,6 @@ from sparse_coord_ros.base.compiling import inlined
 from sparse_coord_ros.core.game.draws import drawn, percept_draw
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
-    as_lists,
     interactions_of,
 )
 from sparse_coord_ros.core.game.perception import drawn_peer, sight_of, succeeds
@@ -38,7 +37,7 @@ class Problem(NamedTuple):
         starts: start cell [k].
         goals: goal cell [k].
         next_cell: where a move leads [x][move].
-        interactions: how robots affect each other.
+        interactions: how robots affect each other, always arrays.
         sight: probabilities that percepts succeed, always arrays.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
@@ -110,8 +109,7 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
     )
     if plain:
         lists = {name: getattr(problem, name).tolist() for name in LISTED}
-        inter = as_lists(problem.interactions)
-        problem = problem._replace(**lists, interactions=inter)
+        problem = problem._replace(**lists)
     return problem
 
 
