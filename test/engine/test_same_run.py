@@ -21,9 +21,7 @@ from teams import PROTOCOL, Traces, by_agents, in_parts
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners import mind
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs import team as team_module
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 
@@ -163,9 +161,9 @@ class Forgetful(Traces):
     """Of one's own: it has a memory of its own, and calls a function of its base class."""
 
     @staticmethod
-    def learn(mind, task, now):
-        traces_learn(mind, task, now)
-        mind.trace[now.cell][now.action] *= 0.5
+    def learn(mind, task, k, now, after):
+        traces_learn(mind, task, k, now, after)
+        mind.trace[k, now.cell, now.action] *= 0.5
 
 
 CASES = cases()
@@ -246,7 +244,6 @@ def agents(case, folder, monkeypatch):
 
 def in_pieces(case, folder, monkeypatch):
     """Plain and compiled in turn, each going on from a file of the other."""
-    monkeypatch.setattr(team_module, "BLOCK_STEPS", 64)
     scenario, rule = problem(case)
     stops = OFTEN if case.endswith("short") else STOPS
     run = in_parts(scenario, rule, SEED, (*stops, scenario.steps), folder)

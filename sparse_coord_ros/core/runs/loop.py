@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from sparse_coord_ros.base.compiling import inner, jit
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.core.game.draws import TIE
-from sparse_coord_ros.core.game.interactions import interacting
+from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
@@ -101,40 +101,6 @@ class Record(NamedTuple):
     miscoordinations: Any
     asked: Any
     stays: Any
-
-
-@inner
-def settle(inter: Any, before: Any, cells: Any) -> None:
-    again = inter.blocks
-    team = len(cells)
-    while again:
-        again = False
-        for k in range(team):
-            c = cells[k]
-            if c != before[k] and inter.narrow[c]:
-                for j in range(team):
-                    if j != k and (
-                        (cells[j] == c and (before[j] == c or j < k))
-                        or (before[j] == c and cells[j] == before[k])
-                    ):
-                        cells[k] = before[k]
-                        again = True
-                        break
-
-
-@inner
-def miscoordinates(inter: Any, before: Any, cells: Any) -> bool:
-    for k in range(len(cells)):
-        y = cells[k]
-        place = inter.places[y]
-        for j in range(k):
-            w = cells[j]
-            if place != -1 and place == inter.places[w]:
-                return True
-            if inter.swaps and y != before[k] and y == before[j] and w == before[k]:
-                if inter.passages[y] and inter.passages[w]:
-                    return True
-    return False
 
 
 @inner
@@ -266,8 +232,8 @@ def loop_of(learner: type[Learner]) -> Callable[..., None]:
                         seen = everybody_but(k, team)
                     met = UNKNOWN_PARTNERS
                     if wants_partners:
-                        met = interacting(
-                            problem.interactions, before, run.wanted, cells, range(team), k
+                        met = partners(
+                            problem.interactions, before, run.wanted, cells, k
                         )
                     now = Transition(
                         step,

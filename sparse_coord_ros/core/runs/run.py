@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw, keys_of
-from sparse_coord_ros.core.game.interactions import miscoordinate
+from sparse_coord_ros.core.game.interactions import miscoordinates
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import (
@@ -165,7 +165,7 @@ class LearningRun:
                 acted = bool(acts[place])
                 actions.append(self._action(run, place, k, step) if acted else None)
             inter = group.problem.interactions
-            met = met or bool(miscoordinate(inter, run.before, run.cells, range(len(run.cells))))
+            met = met or bool(miscoordinates(inter, run.before, run.cells))
         return TeamTransition(step, tuple(cells), tuple(actions), tuple(after), met)
 
     def _action(self, run: loop.Run, place: int, k: int, step: int) -> Action:

@@ -10,8 +10,9 @@ import numpy as np
 
 from sparse_coord_ros.core.game.draws import EVALUATION, ROBOT, keys_of
 from sparse_coord_ros.core.game.rules import EPISODE_GAP, Problem, problem_of
-from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities
+from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.world import FIRST_STEP, Position, before_episode
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import (
@@ -58,9 +59,8 @@ def groups_of(scenario: Scenario, learner: Learner) -> list[tuple[list[int], Sce
     everyone = list(range(len(scenario.robots)))
     if not learner.alone:
         return [(everyone, scenario)]
-    nobody_else = SETTINGS["common_reward"].default
     return [
-        ([k], replace(scenario, robots=(scenario.robots[k],), common_reward=nobody_else))
+        ([k], replace(scenario, robots=(scenario.robots[k],), common_reward=Spec("same")))
         for k in everyone
     ]
 
