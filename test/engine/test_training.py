@@ -14,7 +14,7 @@ from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.engine.training import engine_for, train
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.evaluation import play, summary
+from sparse_coord_ros.core.runs.evaluation import play
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")
 
@@ -53,10 +53,10 @@ def test_train(engine, learner):
     )
     assert (done.engine, done.transitions) == (engine, 1200)
     assert seen[0] == (0, 1200) and seen[-1] == (1200, 1200)
-    assert [step for step, _ in done.evaluations] == [500, 1000, 1200]
-    expected = summary(play(scenario, done.tables, trials=10, seed=4, learner=learner))
-    assert done.evaluations[-1][1] == expected
-    assert done.evaluations[0][1] != expected
+    assert [one["steps"] for one in done.evaluations] == [500, 1000, 1200]
+    expected = play(scenario, done.tables, trials=10, seed=4, learner=learner).to_dict()
+    assert done.evaluations[-1] == {"steps": 1200, **expected}
+    assert done.evaluations[0]["returns"] != expected["returns"]
 
 
 class StopAt:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from sparse_coord_ros.base.errors import SettingError, check_function
 from sparse_coord_ros.base.files import path_argument
@@ -28,7 +28,7 @@ from sparse_coord_ros.core.learners.registry import (
     learner_of,
 )
 from sparse_coord_ros.core.learners.rules import replays_of
-from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
+from sparse_coord_ros.core.runs.evaluation import Progress, silent
 from sparse_coord_ros.core.runs.forms import check_own_memory
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
@@ -197,7 +197,7 @@ class _RunUnderWay:
     learning: LearningRun
     evaluate_every: int
     trials: int
-    evaluations: list[tuple[int, Evaluation]]
+    evaluations: list[dict[str, Any]]
     checkpoint: Path | None
     progress: Progress
     watcher: Watcher | None
@@ -253,7 +253,8 @@ class _RunUnderWay:
         every = self.evaluate_every
         over = done == self.learning.scenario.steps
         if every and (over or done % every == 0):
-            self.evaluations.append((done, summary(self.learning.play(self.trials))))
+            measures = self.learning.play(self.trials)
+            self.evaluations.append({"steps": done, **measures.to_dict()})
 
     def _look(self) -> int | None:
         """Let the watcher look; return what it returns."""

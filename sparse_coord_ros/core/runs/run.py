@@ -31,8 +31,8 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.history import History, blank_history, concatenated
 from sparse_coord_ros.core.runs.loop import DONE, EPISODE_START, PLACED, STEP
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.team import Team, block_of
-from sparse_coord_ros.core.runs.trials import Trials
 
 
 class LearningState(NamedTuple):
@@ -214,7 +214,7 @@ class LearningRun:
         """Every robot's memory, a copy."""
         return tuple(memory_of(self.mind(k)) for k in range(len(self.scenario.robots)))
 
-    def play(self, trials: int) -> Trials:
+    def play(self, trials: int) -> Measures:
         """Play greedy trials with the tables learned so far."""
         return self.team.play(self.minds, self.seed, trials)
 

@@ -30,7 +30,7 @@ from sparse_coord_ros.core.learners.mind import (
 from sparse_coord_ros.core.learners.rules import map_samples, replays_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
-from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.core.runs.measures import TRIAL, TRIALS, Measures
 
 BLOCK_STEPS = 32_768
 """Steps of robots for which tables and the history get room at once."""
@@ -182,7 +182,7 @@ class Team:
         trials: int,
         *,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Trials:
+    ) -> Measures:
         """Play greedy trials.
 
         Args:
@@ -213,14 +213,18 @@ class Team:
         results, asked, stays = map(np.asarray, filled)
         self.check_wanted()
         times = results[:, :, loop.TIME]
-        return Trials(
+        in_time: np.ndarray = times <= scenario.horizon
+        return Measures(
+            source=TRIALS,
+            unit=TRIAL,
+            trials=trials,
             returns=results[:, :, loop.RETURN],
             time_to_goal=np.minimum(times, float(scenario.horizon)),
-            asks=results[:, :, loop.ASKS],
-            arrived=times <= scenario.horizon,
             miscoordinations=results[:, 0, loop.CONFLICTS],
-            asked=asked,
-            stays=stays,
+            asks=results[:, :, loop.ASKS],
+            arrived=np.all(in_time, axis=1),
+            asked=asked / trials,
+            stays=stays / trials,
         )
 
     def tables(self, minds: Any) -> list[Tables]:
