@@ -32,6 +32,7 @@ from sparse_coord_ros.core.game.scenario import (
 )
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.measures import (
+    BY_CELL,
     BY_ROBOT,
     EXACT,
     MEASURES,
@@ -140,8 +141,6 @@ class Results:
 
 SAVED = ("visited", "optimum", "optimum_exact", "reference")
 """What a file says of a condition's runs besides measures, as named in `ConditionResult`."""
-
-BY_CELL = ("asked", "stays")
 
 PLAN_FORM: Mapping[str, Form] = {"seed": int, "runs": int, "trials": int}
 MANIFEST_FORM: Mapping[str, Form] = {"version": str, **PLAN_FORM}

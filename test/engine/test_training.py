@@ -219,6 +219,6 @@ def test_other_evaluations_may_be_wanted_where_a_run_goes_on(tmp_path):
     stopped(450, scenario, "coop", 4, checkpoint=file, **how)
     known = {"checkpoint": file, "resume": True}
     done = train(scenario, "coop", 4, evaluate_every=300, trials=9, **known)
-    assert [step for step, _ in done.evaluations] == [200, 400, 600, 900, 1200]
+    assert [one["steps"] for one in done.evaluations] == [200, 400, 600, 900, 1200]
     whole = train(scenario, "coop", 4, evaluate_every=300, trials=9)
     assert done.evaluations[-1] == whole.evaluations[-1]

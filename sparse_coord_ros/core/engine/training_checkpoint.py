@@ -89,10 +89,11 @@ def load_checkpoint(
         ]
         positions = positions_from(arrays, scenario, groups)
         state = LearningState(positions, tuple(memories), tuple(histories))
-        every, trials, evaluations = json.loads(str(arrays["evaluations"]))
+        every, trials, rows = json.loads(str(arrays["evaluations"]))
+        evaluations = tuple(dict(row) for row in rows)
     except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
         raise checkpoint_bytes.broken(path, error) from None
-    return Checkpoint(state, tuple(evaluations), every, trials)
+    return Checkpoint(state, evaluations, every, trials)
 
 
 def _memory(

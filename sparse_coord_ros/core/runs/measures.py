@@ -25,6 +25,9 @@ MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks", "arrived")
 BY_ROBOT = ("returns", "time_to_goal", "asks")
 """Those that each robot has."""
 
+BY_CELL = ("asked", "stays")
+"""What is counted in each cell."""
+
 TRIALS = "trials"
 EXACT = "exact"
 """The sources of measures."""
