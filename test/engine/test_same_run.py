@@ -10,7 +10,6 @@ test/nodes/test_bit_identity.py, the log in test/runlog.
 
 import hashlib
 import json
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.measures import BY_CELL, MEASURES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 
@@ -211,7 +211,8 @@ def said(memories, history=None, trials=None):
     if history is not None:
         found["history"] = digest(history._asdict())
     if trials is not None:
-        found["trials"] = digest(asdict(trials))
+        arrays = {name: getattr(trials, name) for name in (*MEASURES, *BY_CELL)}
+        found["trials"] = digest(arrays)
     return found
 
 

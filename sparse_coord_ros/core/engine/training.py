@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from sparse_coord_ros.base.errors import SettingError, check_function
 from sparse_coord_ros.base.files import path_argument
@@ -22,13 +22,13 @@ from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_ch
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.learner import replays_of
 from sparse_coord_ros.core.learners.registry import (
     LearnerLike,
     chosen_learner,
     learner_of,
 )
-from sparse_coord_ros.core.learners.learner import replays_of
-from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
+from sparse_coord_ros.core.runs.evaluation import Progress, silent
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.runs.team import Team
@@ -195,7 +195,7 @@ class _RunUnderWay:
     learning: LearningRun
     evaluate_every: int
     trials: int
-    evaluations: list[tuple[int, Evaluation]]
+    evaluations: list[dict[str, Any]]
     checkpoint: Path | None
     progress: Progress
     watcher: Watcher | None
@@ -251,7 +251,8 @@ class _RunUnderWay:
         every = self.evaluate_every
         over = done == self.learning.scenario.steps
         if every and (over or done % every == 0):
-            self.evaluations.append((done, summary(self.learning.play(self.trials))))
+            measures = self.learning.play(self.trials)
+            self.evaluations.append({"steps": done, **measures.to_dict()})
 
     def _look(self) -> int | None:
         """Let the watcher look; return what it returns."""

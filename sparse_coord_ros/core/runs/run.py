@@ -30,8 +30,8 @@ from sparse_coord_ros.core.runs.history import (
     concatenated,
 )
 from sparse_coord_ros.core.runs.loop import DONE, STEP, UNDER_WAY
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.team import Team, blank_record, run_at
-from sparse_coord_ros.core.runs.trials import Trials
 
 
 class LearningState(NamedTuple):
@@ -200,7 +200,7 @@ class LearningRun:
         """Every robot's memory, a copy."""
         return self.team.memories(self.minds)
 
-    def play(self, trials: int) -> Trials:
+    def play(self, trials: int) -> Measures:
         """Play greedy trials with the tables learned so far."""
         [mind, *others] = self.minds
         if others:

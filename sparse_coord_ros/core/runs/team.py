@@ -24,7 +24,7 @@ from sparse_coord_ros.core.learners.mind import (
 from sparse_coord_ros.core.learners.rules import Task
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
-from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.core.runs.measures import TRIAL, TRIALS, Measures
 
 FOREVER = 1 << 62
 """A budget that no run uses up."""
@@ -111,7 +111,7 @@ class Team:
         trials: int,
         *,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Trials:
+    ) -> Measures:
         """Play greedy trials.
 
         Args:
@@ -150,14 +150,17 @@ class Team:
                 )
         self.check_wanted()
         times = np.where(record.arrived, record.steps, scenario.horizon)
-        return Trials(
+        return Measures(
+            source=TRIALS,
+            unit=TRIAL,
+            trials=trials,
             returns=record.returns,
             time_to_goal=times.astype(np.float64),
-            asks=record.asks.astype(np.float64),
-            arrived=record.arrived,
             miscoordinations=record.miscoordinations.astype(np.float64),
-            asked=record.asked,
-            stays=record.stays,
+            asks=record.asks.astype(np.float64),
+            arrived=record.arrived.all(axis=1),
+            asked=record.asked / trials,
+            stays=record.stays / trials,
         )
 
     def tables(self, memories: Sequence[Memory]) -> list[Tables]:
