@@ -120,7 +120,8 @@ def by_agents(scenario, learner, seed):
     percepts = Percepts(scenario, seed)
     histories = []
     for members in groups_of(scenario, learner):
-        world = World(scenario, seed, agents=members)
+        world = World(scenario, seed)
+        leave_out(world, members)
         recorder = HistoryRecorder(len(agents), members=members)
         for agent in agents:
             if agent.number in members:
@@ -139,10 +140,19 @@ def by_agents(scenario, learner, seed):
             recorder.add(world.episode, step, actions, outcome)
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()
+                leave_out(world, members)
                 for k in members:
                     agents[k].begin_episode()
         histories.append(recorder.history())
     return [agent.memory() for agent in agents], concatenated(histories)
+
+
+def leave_out(world, members):
+    """Let all other robots have arrived."""
+    for k, robot in enumerate(world.scenario.robots):
+        if k not in members:
+            world.cells[k] = robot.goal
+            world.arrived[k] = True
 
 
 def chosen(agent, world, percepts):

@@ -16,7 +16,7 @@ import numpy as np
 from sparse_coord_ros.base.compiling import has_numba, inlined, jit
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
-from sparse_coord_ros.core.game.interactions import miscoordinate, settle
+from sparse_coord_ros.core.game.interactions import miscoordinates, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     INDEX,
@@ -298,8 +298,8 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
         before[k] = cells[k]
         if not games.arrived[i, k]:
             cells[k] = led(problem, keys, k, step, cells[k], actions[i, k] % PRIMITIVES)
-    settle(inter, before, cells, games.members)
-    conflict = miscoordinate(inter, before, cells, games.members)
+    settle(inter, before, cells)
+    conflict = miscoordinates(inter, before, cells)
     over = True
     for k in games.members:
         acts = not games.arrived[i, k]

@@ -25,7 +25,6 @@ from sparse_coord_ros.core.game.draws import (
 )
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
-    as_lists,
     interactions_of,
 )
 from sparse_coord_ros.core.game.perception import drawn_peer, sight_of, succeeds
@@ -46,7 +45,7 @@ class Problem(NamedTuple):
         starts: start cell [k].
         goals: goal cell [k].
         next_cell: where a move leads [x][move].
-        interactions: how robots affect each other.
+        interactions: how robots affect each other, always arrays.
         sight: probabilities that percepts succeed, always arrays.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
@@ -118,8 +117,7 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
     )
     if plain:
         lists = {name: getattr(problem, name).tolist() for name in LISTED}
-        inter = as_lists(problem.interactions)
-        problem = problem._replace(**lists, interactions=inter)
+        problem = problem._replace(**lists)
     return problem
 
 

@@ -14,8 +14,8 @@ from sparse_coord_ros.base.compiling import compiled_as, inlined, inner, jit
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import REPLAY, ROBOT, draw
 from sparse_coord_ros.core.game.interactions import (
-    interacting,
-    miscoordinate,
+    miscoordinates,
+    partners,
     settle,
 )
 from sparse_coord_ros.core.game.rules import (
@@ -257,8 +257,8 @@ def move_all(state: State, step: int) -> bool:
         if not game.arrived[k]:
             cells[k] = led(problem, keys, k, step, cells[k], choice.moves[k])
         choice.wanted[k] = cells[k]
-    settle(inter, choice.cells, cells, rule.members)
-    return miscoordinate(inter, choice.cells, cells, rule.members)
+    settle(inter, choice.cells, cells)
+    return miscoordinates(inter, choice.cells, cells)
 
 
 @inner
@@ -289,11 +289,9 @@ def learn_from(
     next_seen = 0
     if sees_all(mind):
         seen = next_seen = everybody_but(k, len(cells))
-    partners = UNKNOWN_PARTNERS
+    others = UNKNOWN_PARTNERS
     if wants_partners(mind):
-        partners = interacting(
-            problem.interactions, choice.cells, choice.wanted, cells, rule.members, k
-        )
+        others = partners(problem.interactions, choice.cells, choice.wanted, cells, k)
     replay = 0.0
     if wants_draw(mind):
         replay = draw(keys[ROBOT][k], step, REPLAY)
@@ -311,7 +309,7 @@ def learn_from(
         weights[1] * felt,
         felt,
         weights[2] * asking_reward(problem, action == COORDINATE),
-        partners,
+        others,
         epsilon,
         floor,
         replay,

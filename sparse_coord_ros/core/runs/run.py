@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw
-from sparse_coord_ros.core.game.interactions import miscoordinate
+from sparse_coord_ros.core.game.interactions import miscoordinates
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import (
@@ -163,9 +163,7 @@ class LearningRun:
                     action = self._action(state, k, before.step)
                 rows.append((cell, action, int(state.game.cells[k])))
             inter = state.rule.problem.interactions
-            met |= bool(
-                miscoordinate(inter, state.choice.cells, state.game.cells, members)
-            )
+            met |= miscoordinates(inter, state.choice.cells, state.game.cells)
         cells, actions, after = zip(*rows, strict=True)
         return TeamTransition(positions[0].step, cells, actions, after, met)
 

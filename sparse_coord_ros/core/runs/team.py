@@ -13,6 +13,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
+from sparse_coord_ros.core.game.interactions import NOWHERE
 from sparse_coord_ros.core.game.rules import EPISODE_GAP, INDEX, problem_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
@@ -103,8 +104,14 @@ class Team:
             tasks=None,
         )
         groups = groups_of(scenario, learner)
+        learning = rule
+        if learner.alone:  # a robot has none to interact with
+            inter = rule.problem.interactions
+            nowhere = np.full_like(inter.places, NOWHERE)
+            none = inter._replace(places=nowhere, swaps=False, blocks=False)
+            learning = rule._replace(problem=rule.problem._replace(interactions=none))
         self.rules = [
-            self._formed(rule._replace(members=np.array(own, dtype=INDEX)))
+            self._formed(learning._replace(members=np.array(own, dtype=INDEX)))
             for own in groups
         ]
         greedy: dict[str, Any] = {

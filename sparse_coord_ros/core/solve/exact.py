@@ -17,7 +17,7 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
-from sparse_coord_ros.core.game.interactions import interactions_of, none_of, of_cells
+from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probabilities_between
@@ -312,7 +312,10 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     moves = np.array([_moves(one, own, percepts) for one in robots])
     starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
-    interactions = of_cells(interactions_of(scenario), own)
+    inter = interactions_of(scenario)
+    interactions = inter._replace(
+        places=inter.places[own], passages=inter.passages[own], narrow=inter.narrow[own]
+    )
     penalties = scenario.penalties
     if alone:
         starts = np.append(starts, goals)
@@ -320,7 +323,9 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         penalties = (*penalties, 0.0)
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
-        interactions = none_of(interactions)
+        interactions = interactions._replace(
+            places=np.full(cells, NOWHERE), swaps=False, blocks=False
+        )
     # No robot makes a move that leads out of the cells.
     lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
     either = moves.sum(axis=1)
@@ -366,6 +371,7 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
         stays=np.zeros((2, cells)),
         brought=np.zeros((2, QUANTITIES)),
         so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
+        step=np.zeros((2, 2), dtype=np.int64),
     )
     return sums if compiled()(pair, now, later, sums, most) else None
 

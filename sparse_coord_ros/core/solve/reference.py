@@ -21,8 +21,8 @@ from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
-    any_together,
     interactions_of,
+    miscoordinates,
     miscoordinations,
     only_together,
     settled,
@@ -205,7 +205,8 @@ def _miscoordination_probability(
         arrive within the horizon.
     """
     robots = scenario.robots
-    places = interactions_of(scenario).places
+    inter = interactions_of(scenario)
+    places = inter.places
     meeting = [
         np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])
     ]
@@ -229,7 +230,7 @@ def _miscoordination_probability(
         in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
-    crowded_at_home = float(any_together(places[goals]))
+    crowded_at_home = float(miscoordinates(inter, goals, goals))
     apart = _one_each(occupied.T)
     likely = np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
     in_time = all_arrived[scenario.horizon : scenario.horizon + 1]
