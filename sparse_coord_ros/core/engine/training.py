@@ -94,7 +94,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    quick = batch.is_loaded(learner=rule, history=True) or pays_to_compile(
+    quick = batch.is_loaded(learner=rule) or pays_to_compile(
         scenario, rule
     )
     if engine == "auto" and not quick:
@@ -104,7 +104,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
 
 def pays_to_compile(scenario: Scenario, learner: Learner) -> bool:
     """Return whether plain Python takes longer for a run than numba takes to begin."""
-    kept = batch.is_prepared(learner=learner, history=True)
+    kept = batch.is_prepared(learner=learner)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
     if replays_of(scenario) > 1:
         needed //= SLOWED_BY_REPLAYS
@@ -170,7 +170,7 @@ def train(
             trials = saved.trials
     used = engine_for(scenario, rule, engine)
     if used == "numba":
-        batch.prepare(rule, history=True)
+        batch.prepare(rule)
     state = None if saved is None else saved.state
     under_way = _RunUnderWay(
         LearningRun(Team(scenario, rule, compiled=used == "numba"), seed, state),

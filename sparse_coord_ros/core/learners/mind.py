@@ -121,3 +121,8 @@ def memory_of(learner: "Learner", mind: Any, k: int) -> dict[str, np.ndarray]:
             array = value[k].copy()
             memory[name] = array.astype(np.int64) if array.dtype.kind == "i" else array
     return memory
+
+
+def rows_in(memory: Memory) -> int:
+    """Return how many rows of tables a robot remembers."""
+    return sum(len(memory[name]) for name in memory if name.endswith("_keys"))
