@@ -21,8 +21,7 @@ from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.learners.learner import replays_of
+from sparse_coord_ros.core.learners.learner import Learner, replays_of
 from sparse_coord_ros.core.learners.registry import (
     LearnerLike,
     chosen_learner,
@@ -94,9 +93,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    quick = batch.is_loaded(learner=rule) or pays_to_compile(
-        scenario, rule
-    )
+    quick = batch.is_loaded(learner=rule) or pays_to_compile(scenario, rule)
     if engine == "auto" and not quick:
         return "python"
     return "numba" if batch.uses_numba(engine, rule) else "python"

@@ -9,7 +9,7 @@ change if the peer is perceived there. Each own cell has one more row, for faile
 from collections.abc import Mapping
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner, inner
+from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.learners.mind import NO_ROW, find
 from sparse_coord_ros.core.learners.rules import (

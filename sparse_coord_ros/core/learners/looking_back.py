@@ -8,7 +8,7 @@ question would have brought, not only the move that it made.
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner, inner, of_learner
+from sparse_coord_ros.base.compiling import inner, of_learner
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import stops
 from sparse_coord_ros.core.game.sight import is_ruled_out

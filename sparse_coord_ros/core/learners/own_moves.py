@@ -7,7 +7,7 @@ The model counts how often a move led out of its cell, and keeps the cell where 
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner, of_learner
+from sparse_coord_ros.base.compiling import of_learner
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.learners.rules import (
     Task,
