@@ -16,7 +16,7 @@ from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.agent import Agent, Choice
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.mind import memory_of, team_mind
+from sparse_coord_ros.core.learners.mind import memory_before
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.rules import reward_of
 from sparse_coord_ros.core.learners.tables import memories_equal
@@ -105,7 +105,9 @@ class Traces(Coop):
         mind.updates[k, x, now.action] += 1
         for cell in range(task.cells):
             for action in range(5):
-                mind.q_star[k, cell, action] += 0.1 * error * mind.trace[k, cell, action]
+                mind.q_star[k, cell, action] += (
+                    0.1 * error * mind.trace[k, cell, action]
+                )
                 mind.trace[k, cell, action] *= 0.8
 
 
@@ -235,7 +237,7 @@ def tables_from_values(scenario, k, q_star, q_coord=None):
     """
     asks = not np.isnan(q_star[:, COORDINATE]).any()
     learner = learner_of("coop" if asks else "noncoop")
-    begun = memory_of(learner, team_mind(learner, scenario, [k]), k)
+    begun = memory_before(learner, scenario, k)
     memory = begun | {"q_star": q_star}
     if asks and q_coord is not None:
         rows = q_coord.reshape(-1, PRIMITIVES)

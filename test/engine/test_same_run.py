@@ -251,13 +251,6 @@ def in_pieces(case, folder, monkeypatch):
     return said(run.memories, run.history)
 
 
-def hashed(case, folder, monkeypatch):
-    """Compiled, where the rows of Q^C or rho are searched for."""
-    monkeypatch.setattr(mind, "DENSE_ROWS", 0)
-    monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
-    return by_loops(case, True)
-
-
 def in_threads(case, folder, monkeypatch):
     """A batch that is compiled."""
     return in_a_batch(case, "numba")
@@ -289,7 +282,6 @@ def said_of(training):
 
 EVERYWHERE = (plain, compiled, in_pieces, agents)
 SOME = {
-    hashed: ("coop, few answers",),
     in_threads: ("coop, few answers", "factored, few answers", "three, all asked"),
     in_processes: ("coop, few answers",),
     trained: ("coop, few answers", "indiv, plain"),
@@ -304,8 +296,7 @@ def matrix():
         ways = [way for way in EVERYWHERE if learner != "joint" or way is not agents]
         ways += [way for way, named in SOME.items() if case in named]
         found += [pytest.param(case, way, id=f"{case}, {way.__name__}") for way in ways]
-    slow = ("factored, few answers", hashed)  # numba compiles the longest loop again
-    return [*found, pytest.param(*slow, id="factored, hashed", marks=pytest.mark.long)]
+    return found
 
 
 @pytest.mark.parametrize(("case", "way"), matrix())

@@ -8,17 +8,17 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from sparse_coord_ros.core.learners.policy import (
+    asks_at_times,
+    asks_surely,
+    greedy_action,
+)
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import TIE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners import policy
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.policy import (
-    asks_at_times,
-    asks_surely,
-    greedy_action,
-)
 from sparse_coord_ros.core.learners.rules import greatest, ql_update, step_size
 
 N = 60

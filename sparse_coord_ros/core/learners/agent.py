@@ -20,7 +20,12 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, memory_of, team_mind, with_room
-from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, Transition, greedy
+from sparse_coord_ros.core.learners.rules import (
+    NOT_PERCEIVED,
+    Transition,
+    greedy,
+    scheduled,
+)
 from sparse_coord_ros.core.learners.tables import Tables
 
 NOBODY = -1
@@ -207,6 +212,16 @@ class Agent:
         if self.task.full[0]:
             self.mind = with_room(self.mind)
             self.task.full[0] = False
+
+    def epsilon(self, step: int) -> float:
+        """Return the probability of exploring at a time step; 0 without learning."""
+        return scheduled(self.task.epsilon, step) if self.learning else 0.0
+
+    @property
+    def q_star(self) -> np.ndarray:
+        """Q*, shape (cells, actions); a copy."""
+        q_star: np.ndarray = self.mind.q_star[self.number].copy()
+        return q_star
 
     def values(self, cell: int) -> list[float]:
         """Return Q*(cell, .)."""

@@ -37,7 +37,6 @@ from sparse_coord_ros.core.game.scenario import Scenario, is_sparse
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
-from sparse_coord_ros.core.learners.table import Table, find, met, table
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
@@ -49,6 +48,7 @@ from sparse_coord_ros.core.learners.rules import (
     reward_of,
     scheduled,
 )
+from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 MARK = 1.0
 """How far COORDINATE is above the best move in marked cells, and below it in others."""
@@ -182,7 +182,9 @@ class CQ(Learner):
         values = mind.q_star[k, cell]
         common = task.weights[1] * now.common
         if now.action != COORDINATE:
-            if not is_marked(values) and differs(mind.samples[k, cell, now.move], common):
+            if not is_marked(values) and differs(
+                mind.samples[k, cell, now.move], common
+            ):
                 values[COORDINATE] = greatest(values, PRIMITIVES) + MARK
             return
         pairs = mind.samples.shape[2] - PRIMITIVES

@@ -22,7 +22,6 @@ from sparse_coord_ros.core.learners.rules import (
     step_size,
 )
 
-
 SHARE_OF_ALPHA = 0.5
 """beta / alpha."""
 

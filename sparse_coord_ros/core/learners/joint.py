@@ -21,7 +21,6 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
-from sparse_coord_ros.core.learners.table import Table, find, met, table
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
@@ -31,6 +30,7 @@ from sparse_coord_ros.core.learners.rules import (
     ql_update,
     reward_of,
 )
+from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 MARK = 1.0
 """How far COORDINATE is above the best move."""

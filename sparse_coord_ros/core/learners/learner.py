@@ -22,15 +22,15 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import INITIAL_VALUES, SETTINGS, Scenario
+from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.lone import known_q_star
-from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
-from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.learners.rules import (
     Task,
@@ -39,6 +39,7 @@ from sparse_coord_ros.core.learners.rules import (
     epsilon_greedy,
     greedy,
 )
+
 
 def _guarded(
     method: Callable[..., Any], name: str, check: Callable[[str, Any], Any]
@@ -194,7 +195,11 @@ class Learner:
                 function = getattr(value, "__func__", value)
                 _check_hook(cls, name, function)
                 setattr(cls, name, staticmethod(inner(function)))
-            elif not name.startswith("_") and not hasattr(Learner, name) and name != "Mind":
+            elif (
+                not name.startswith("_")
+                and not hasattr(Learner, name)
+                and name != "Mind"
+            ):
                 raise TypeError(
                     f"class {cls.__name__}: {name!r} is nothing that a learner has; its "
                     f"functions are {', '.join(HOOKS)}; let names of your own begin with '_'"

@@ -9,7 +9,7 @@ from sparse_coord_ros.base.npz import member
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.learners.mind import Memory, memory_of, team_mind
+from sparse_coord_ros.core.learners.mind import Memory, memory_before
 from sparse_coord_ros.core.learners.table import LearnedRows, Table
 
 
@@ -95,7 +95,7 @@ def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memo
         k: the robot, from 0.
         memory: the memory of the other run; it is checked already.
     """
-    found = memory_of(learner, team_mind(learner, scenario, [k]), k)
+    found = dict(memory_before(learner, scenario, k))
     for name in learner.values:
         if name in found:
             found[name] = memory[name]

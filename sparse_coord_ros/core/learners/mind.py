@@ -48,7 +48,10 @@ def team_mind(
     minds = [learner.begun(scenario, k) for k in robots]
     kind = type(minds[0])
     team = len(scenario.robots)
-    parts = [_team_field([mind[i] for mind in minds], robots, team) for i in range(len(minds[0]))]
+    parts = [
+        _team_field([mind[i] for mind in minds], robots, team)
+        for i in range(len(minds[0]))
+    ]
     mind = kind(*parts)
     for k, memory in zip(robots, memories, strict=bool(memories)):
         mind = with_memory(mind, k, memory)
@@ -78,7 +81,9 @@ def with_memory(mind: Any, k: int, memory: Memory) -> Any:
     changed = {}
     for name, value in mind._asdict().items():
         if isinstance(value, Table) and f"{name}_keys" in memory:
-            rows = LearnedRows(*(memory[f"{name}_{what}"] for what in LearnedRows._fields))
+            rows = LearnedRows(
+                *(memory[f"{name}_{what}"] for what in LearnedRows._fields)
+            )
             changed[name] = with_rows(value, k, rows)
         elif name in memory:
             value[k] = memory[name]
@@ -121,3 +126,13 @@ def memory_of(learner: "Learner", mind: Any, k: int) -> dict[str, np.ndarray]:
             array = value[k].copy()
             memory[name] = array.astype(np.int64) if array.dtype.kind == "i" else array
     return memory
+
+
+def memory_before(learner: "Learner", scenario: Scenario, k: int) -> Memory:
+    """Return what robot k remembers before learning."""
+    return memory_of(learner, team_mind(learner, scenario, [k]), k)
+
+
+def rows_in(memory: Memory) -> int:
+    """Return how many rows of tables a robot remembers."""
+    return sum(len(memory[name]) for name in memory if name.endswith("_keys"))

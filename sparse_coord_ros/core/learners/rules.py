@@ -289,4 +289,3 @@ def joint_state(task: Task, k: int, cell: int, seen: int, cells: Any) -> int:
         if (seen >> j) & 1:
             key = key * task.cells + int(cells[j])
     return key
-

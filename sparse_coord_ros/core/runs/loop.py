@@ -27,7 +27,6 @@ from sparse_coord_ros.core.game.rules import (
     perceive,
     start_of,
 )
-from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
@@ -137,7 +136,7 @@ def everybody_but(k: int, team: int) -> int:
 
 
 @functools.cache
-def loop_of(learner: type[Learner]) -> Callable[..., None]:
+def loop_of(learner: type[Any]) -> Callable[..., None]:
     """Return the loop of a learner, in plain Python."""
     begin_episode = learner.begin_episode
     decide = learner.decide
@@ -273,6 +272,6 @@ def loop_of(learner: type[Learner]) -> Callable[..., None]:
 
 
 @functools.cache
-def compiled(learner: type[Learner]) -> Callable[..., None]:
+def compiled(learner: type[Any]) -> Callable[..., None]:
     """Return the loop of a learner, compiled by numba when it is first called."""
     return jit([loop_of(learner)], learner)[0]

@@ -227,9 +227,7 @@ class LearningRun:
             _position(run, robots, group.robots)
             for group, run in zip(self.team.groups, self._runs, strict=True)
         )
-        return LearningState(
-            positions, tuple(self.memories), tuple(self._histories())
-        )
+        return LearningState(positions, tuple(self.memories), tuple(self._histories()))
 
 
 def _beginning(team: Team) -> LearningState:
@@ -271,7 +269,15 @@ def longer(record: loop.Record, rows: int) -> loop.Record:
     robots, cells = record.asked.shape
     larger = blank_record(rows, robots, cells)
     used = len(record.length)
-    for name in ("first_step", "length", "steps", "returns", "asks", "arrived", "miscoordinations"):
+    for name in (
+        "first_step",
+        "length",
+        "steps",
+        "returns",
+        "asks",
+        "arrived",
+        "miscoordinations",
+    ):
         getattr(larger, name)[:used] = getattr(record, name)
     return larger._replace(used=record.used, asked=record.asked, stays=record.stays)
 

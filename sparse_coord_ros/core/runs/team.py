@@ -60,7 +60,10 @@ def groups_of(scenario: Scenario, learner: Learner) -> list[tuple[list[int], Sce
     if not learner.alone:
         return [(everyone, scenario)]
     return [
-        ([k], replace(scenario, robots=(scenario.robots[k],), common_reward=Spec("same")))
+        (
+            [k],
+            replace(scenario, robots=(scenario.robots[k],), common_reward=Spec("same")),
+        )
         for k in everyone
     ]
 
@@ -90,7 +93,9 @@ class Team:
         self.scenario = scenario
         self.learner = learner
         self.compiled = compiled
-        self.loop = loop.compiled(learner.rule) if compiled else loop.loop_of(learner.rule)
+        self.loop = (
+            loop.compiled(learner.rule) if compiled else loop.loop_of(learner.rule)
+        )
         self.stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         self.exploring = probabilities(scenario.starts, scenario.steps)
         self.groups = [

@@ -16,7 +16,7 @@ from sparse_coord_ros.core.learners.factored import (
     Factored,
     leaves_stand_offs,
 )
-from sparse_coord_ros.core.learners.mind import Memory, memory_of
+from sparse_coord_ros.core.learners.mind import Memory, memory_before
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, greedy
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.dialogue import Request
@@ -137,7 +137,7 @@ def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | No
         return newest.step, newest.tables.memory
     if log.run.tables or log.run.greedy:
         return 0, None
-    return 0, memory_of(log.run.rule.mind(log.run.scenario, robot))
+    return 0, memory_before(log.run.rule, log.run.scenario, robot)
 
 
 def _logged(
