@@ -11,6 +11,7 @@ from sparse_coord_ros.core.game.plugins import (
 from sparse_coord_ros.core.learners.baselines import Indiv, NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.cq import CQ
+from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 from sparse_coord_ros.core.learners.joint import Joint
 from sparse_coord_ros.core.learners.learner import Learner
@@ -34,7 +35,7 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (Coop(), NonCoop(), Indiv(), Hysteretic(), CQ(), Joint()):
+for _own in (Coop(), NonCoop(), Indiv(), Hysteretic(), Factored(), CQ(), Joint()):
     LEARNERS.register(_own.label, _own)
 
 
