@@ -212,7 +212,7 @@ def test_every_bit_is_set_half_of_the_time():
 
 def place(key, counter):
     """Return the place of a draw in the one sequence that all keys share, of 2^64 outputs."""
-    return (key * pow(GAMMA, -1, 2**64) + counter) % 2**64
+    return (int(key) * pow(GAMMA, -1, 2**64) + counter) % 2**64
 
 
 def test_no_two_keys_reach_the_same_outputs():

@@ -8,6 +8,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import TIE
 from sparse_coord_ros.core.game.scenario import load_scenario
