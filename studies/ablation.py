@@ -13,14 +13,12 @@ larger teams against jams, in buildings for validation.
 import argparse
 import sys
 
-import numpy as np
 import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.learners.rules import greatest
-from sparse_coord_ros.core.runs.evaluation import fails
 from sparse_coord_ros.studies.lists import LISTS
 
 
@@ -99,15 +97,8 @@ def told(scenario, learner, options) -> str:
         seed=options.seed,
         history=False,
     )
-    returns = []
-    failed = 0
-    for run in found:
-        exact = run.exact
-        returns.append(np.mean(run.trials.returns if exact is None else exact.returns))
-        arrived = run.trials.arrived.all(axis=1).mean()
-        failed += fails(arrived if exact is None else exact.arrived)
-    error = np.std(returns, ddof=1) / len(returns) ** 0.5
-    return f"{np.mean(returns):.2f} ({error:.2f}); {failed} of {len(found)} fail"
+    teams = sc.by_run(run.measures for run in found)
+    return f"{teams.in_words('returns')}; {teams.failed} of {len(teams)} fail"
 
 
 def main() -> None:
