@@ -55,7 +55,7 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     settings = SETTINGS.parse(shared.settings_of(options))
-    waits_for = first_wait(options.learners, options)
+    waits_for = first_wait(options)
     with Bar("agent-steps", waits_for, quiet=options.json) as bar:
         found = benchmark(
             options.learners,

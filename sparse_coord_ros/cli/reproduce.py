@@ -60,8 +60,7 @@ def execute(options: argparse.Namespace) -> None:
         tell(options, {"conditions": conditions}, *conditions)
         return
     by = computing_of(options)
-    learners = {one.learner for one in targets.conditions}
-    with Bar("agent-steps", first_wait(learners, options)) as bar:
+    with Bar("agent-steps", first_wait(options)) as bar:
         found = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),

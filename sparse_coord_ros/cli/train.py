@@ -13,10 +13,10 @@ from sparse_coord_ros.base.errors import RunError, os_error_text
 from sparse_coord_ros.base.files import take_lock, write_whole
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import COMPILING, Bar, note_without_numba
+from sparse_coord_ros.cli.computing import Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, prepare
+from sparse_coord_ros.core.engine.batch import ENGINES, prepare
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import (
     EVERY,
@@ -228,9 +228,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     """Return the engine of the run; say if numba compiles first, or is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
     if engine == "numba":
-        if not is_prepared(learner=run.rule, history=True):
-            bar.doing = COMPILING
-        prepare(run.rule, engine=engine, history=True)
+        prepare(run.rule, engine=engine)
     bar.doing = "learning the first steps"
     if options.json:
         return engine

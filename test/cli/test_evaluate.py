@@ -19,7 +19,7 @@ def trained(sparse_coord):
     """Return a function that makes a short run and returns its directory's name."""
 
     def train(*arguments):
-        short = ("--steps", 300, "--trials", 0, "--out", "a")
+        short = ("--steps", 1000, "--trials", 0, "--out", "a")
         assert sparse_coord("train", *arguments, *short)[0] == 0
         return "a"
 

@@ -66,7 +66,7 @@ def test_twenty_runs(said, tmp_path):
 
 
 def test_own_perception(said):
-    lines = said("own_perception.py", 2000).splitlines()
+    lines = said("own_perception.py", 3000).splitlines()
     assert [line.rpartition(": returns")[0] for line in lines] == [
         "always",
         "fog:4",
@@ -76,7 +76,7 @@ def test_own_perception(said):
 
 
 def test_own_learner(said):
-    lines = said("own_learner.py", 20000).splitlines()
+    lines = said("own_learner.py", 5000).splitlines()
     assert [line.split(":")[0] for line in lines] == ["coop", "careful"]
     assert len({line.partition(":")[2] for line in lines}) == 2
 

@@ -18,6 +18,7 @@ from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.mind import team_mind
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.measures import Measures
@@ -96,8 +97,9 @@ def play(
     check_tables(scenario, tables, learner)
     rule = learner_of(learner or tables[0].rule)
     team = Team(scenario, rule, compiled=False)
-    minds = team.initial([table.memory for table in tables])
-    return team.play(minds, seed, trials, progress=progress)
+    memories = [table.memory for table in tables]
+    mind = team_mind(rule, scenario, range(len(tables)), memories)
+    return team.play(mind, seed, trials, progress=progress)
 
 
 def check_tables(

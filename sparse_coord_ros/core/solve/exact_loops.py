@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inlined, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
@@ -146,7 +146,7 @@ def carry(
     return True
 
 
-@inlined
+@inner
 def follow(
     pair: Pair,
     sums: Sums,
@@ -207,7 +207,7 @@ def follow(
     return outcomes
 
 
-@inlined
+@inner
 def add(distribution: Distribution, state: int, p: float) -> None:
     """Add to the probability of a joint state."""
     if distribution.likely[state] == 0.0:

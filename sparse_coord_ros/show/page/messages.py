@@ -379,7 +379,7 @@ def in_words(
         known: numbers of the robots whose tables are known; for the others no reason is given.
         narrator: of the scenario.
         rows: by robot, the row of its tables that decided, in words.
-        says: by robot, the move that this row says, if that is known.
+        says: by robot, the greedy move of this row, if that is known.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
@@ -395,8 +395,9 @@ def in_words(
         lines = [explain.choice_in_words(run, k, cell), f"asks {whom}: {told}"]
         by_cell = cell if k in known else None
         waiting_move = None
-        if perceived is not None and says.get(k, move) != move:
-            waiting_move = says[k]
+        says_move = says.get(k, move)
+        if explain.has_left(run, perceived, move, says_move):
+            waiting_move = says_move
             lines.append(explain.LEAVES)
         elif k not in says and _may_have_left(run, before, seen, question):
             by_cell = None
