@@ -108,9 +108,9 @@ def test_evaluations_on_the_way(sparse_coord, folder):
     assert [entry["steps"] for entry in said["evaluations"]] == [400, 800, 1000]
     for row, entry in zip(rows, said["evaluations"], strict=True):
         assert (row["steps"], row["trials"]) == (str(entry["steps"]), "200")
-        assert float(row["returns_spread"]) == entry["returns"]["spread"]
-        assert float(row["asks"]) == entry["asks"]["mean"]
-        assert int(row["not_arrived"]) == entry["not_arrived"]
+        assert row.keys() == entry.keys()
+        assert float(row["returns_spread"]) == entry["returns_spread"]
+        assert float(row["asks"]) == entry["asks"]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inlined, inner
+from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import Scenario
 
@@ -159,7 +159,7 @@ def stops(c: Any, x: Any, z: Any, w: Any, first: bool) -> Any:
 # One step of a team.
 
 
-@inlined
+@inner
 def settle(inter: Interactions, before: Any, cells: Any) -> None:
     """Stop the robots that cannot go where they want.
 
@@ -185,7 +185,7 @@ def settle(inter: Interactions, before: Any, cells: Any) -> None:
                     break
 
 
-@inlined
+@inner
 def miscoordinates(inter: Interactions, before: Any, after: Any) -> bool:
     """Return whether a step is a miscoordination: two robots are together, or exchanged cells.
 
@@ -208,7 +208,7 @@ def miscoordinates(inter: Interactions, before: Any, after: Any) -> bool:
     return False
 
 
-@inlined
+@inner
 def partners(inter: Interactions, before: Any, wanted: Any, after: Any, k: int) -> int:
     """Return the robots with which robot k interacts in a step, the sum of 2^j; 0: with none.
 

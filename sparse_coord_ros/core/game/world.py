@@ -150,8 +150,8 @@ class World:
         self.episode = 0
         self.transitions = 0
         self.miscoordinations = 0
-        self._problem = problem_of(scenario, plain=True, percepts=False)
-        self._keys = keys_of(seed, phase, len(scenario.robots)).tolist()
+        self._problem = problem_of(scenario, percepts=False)
+        self._keys = keys_of(seed, phase, len(scenario.robots))
         self._exploring = None
         if phase == LEARNING:
             self._exploring = probabilities(scenario.starts, scenario.steps)

@@ -5,13 +5,11 @@
 The same trials as `core.runs.evaluation.play` plays, without drawing any: greedy policies, ties
 and percepts with their probabilities, the same end. So nothing here has a standard error. Where
 the two differ is only in what a trial's draws cannot show: a draw has 53 bits, a probability here
-is a float, and moments are sums of floats (a spread below about 1e-6 of the mean is rounding). One
-robot is a pair whose other robot has arrived before it begins.
+is a float, and moments are sums of floats (a spread below about 1e-6 of the mean is rounding).
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +28,8 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import evaluation
-from sparse_coord_ros.core.runs.evaluation import Evaluation, Measure, Progress
+from sparse_coord_ros.core.runs.evaluation import Progress
+from sparse_coord_ros.core.runs.measures import BY_ROBOT, EXACT, TRIAL, Measures
 from sparse_coord_ros.core.solve.exact_loops import Chain, Moments, compiled
 
 MOST_ROBOTS = 2
@@ -44,56 +43,13 @@ seconds: beyond that trials are quicker."""
 QUICK = 50_000_000
 """Outcomes of steps from all joint states, times the horizon: a batch follows as many a run."""
 
-RETURN, TIME, ASKS = range(3)
-"""Rows of the quantities of the robots; the last quantity is the team's miscoordinations."""
-
-
-@dataclass(frozen=True)
-class ExactEvaluation:
-    """The exact measures of a team; they are those of `Evaluation`.
-
-    Attributes:
-        returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
-            costs of asking. Its spread is over single robots and trials, as in trials.
-        time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
-        miscoordinations: steps of a trial that end in a miscoordination.
-        asks: how often a robot chose COORDINATE in a trial.
-        all_arrived: probability that all robots arrive within the horizon.
-        robots: expected return of each robot.
-        asked: expected number of asks of a trial in each cell, shape (robots, cells).
-        stays: expected number of steps that each robot acts in each cell, same shape.
-    """
-
-    returns: Measure
-    time_to_goal: Measure
-    miscoordinations: Measure
-    asks: Measure
-    all_arrived: float
-    robots: tuple[float, ...]
-    asked: np.ndarray
-    stays: np.ndarray
-
-    def __repr__(self) -> str:
-        """Return the measures on one line."""
-        return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
-
-    @property
-    def how(self) -> str:
-        """How it was found, in words."""
-        return "exact"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data, without the fields for each cell."""
-        said = asdict(self)
-        return {k: v for k, v in said.items() if k not in ("asked", "stays")}
-
 
 def evaluate_exact(
     scenario: Scenario,
     tables: Sequence[Tables],
     *,
     learner: str | Learner | None = None,
-) -> ExactEvaluation:
+) -> Measures:
     """Compute the value of a team of one or two robots.
 
     Args:
@@ -116,38 +72,56 @@ def evaluate_exact(
     return evaluate_greedy(scenario, _robots(acting))
 
 
-def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
+def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> Measures:
     """Compute the value of one or two robots with known policies.
 
     Raises:
         SettingError: there are more joint states within their reach than it pays for.
     """
-    team = len(robots)
-    cells = len(scenario.map.cells)
     reached = _within_reach(scenario, robots)
     moments = _moments(scenario, _chain(scenario, robots, reached), reached)
     visits = moments.visits.reshape([len(own) for own in reached])
     home = _joint_state(reached, [robot.goal for robot in scenario.robots])
-    ends = moments.likely[scenario.horizon % 2].reshape(visits.shape)
-    stays = np.zeros((team, cells))
+    last = moments.likely[scenario.horizon % 2].reshape(visits.shape)
+    means, squares = map(_by_name, (moments.mean, moments.square))
+    arrived = np.array([min(1.0, visits[home] + last[home])])
+    means["arrived"] = arrived
+    squares["arrived"] = arrived
+    variances = {
+        name: np.array([max(0.0, square.mean() - means[name].mean() ** 2)])
+        for name, square in squares.items()
+    }
+    stays = _stays(scenario, reached, visits)
+    return Measures(
+        source=EXACT,
+        unit=TRIAL,
+        trials=0,
+        **means,
+        asked=stays * [robot.asks for robot in robots],
+        stays=stays,
+        variances=variances,
+    )
+
+
+def _by_name(quantities: np.ndarray) -> dict[str, np.ndarray]:
+    """Return quantities by the names of measures, with one row each."""
+    rows = quantities[:-1].reshape(len(BY_ROBOT), 1, -1)
+    return {
+        **dict(zip(BY_ROBOT, rows, strict=True)),
+        "miscoordinations": quantities[-1:],
+    }
+
+
+def _stays(
+    scenario: Scenario, reached: Sequence[np.ndarray], visits: np.ndarray
+) -> np.ndarray:
+    """Return the expected steps that each robot acts in each cell, shape (robots, cells)."""
+    stays = np.zeros((len(reached), len(scenario.map.cells)))
     for k, robot in enumerate(scenario.robots):
-        others = tuple(j for j in range(team) if j != k)
+        others = tuple(j for j in range(len(reached)) if j != k)
         stays[k, reached[k]] = visits.sum(axis=others)
         stays[k, robot.goal] = 0.0
-    asked = stays * [robot.asks for robot in robots]
-    means = moments.mean[:-1].reshape(3, team)
-    squares = moments.square[:-1].reshape(3, team)
-    returns, time_to_goal, asks = map(_measure, means, squares)
-    return ExactEvaluation(
-        returns=returns,
-        time_to_goal=time_to_goal,
-        miscoordinations=_measure(moments.mean[-1:], moments.square[-1:]),
-        asks=asks,
-        all_arrived=min(1.0, float(visits[home] + ends[home])),
-        robots=tuple(means[RETURN].tolist()),
-        asked=asked,
-        stays=stays,
-    )
+    return stays
 
 
 def evaluate_best(
@@ -158,7 +132,7 @@ def evaluate_best(
     seed: int = 0,
     learner: str | Learner | None = None,
     progress: Progress = evaluation.silent,
-) -> ExactEvaluation | Evaluation:
+) -> Measures:
     """Compute the exact value of a team if possible, else play trials.
 
     Args:
@@ -175,13 +149,14 @@ def evaluate_best(
     try:
         return evaluate_exact(scenario, tables, learner=learner)
     except SettingError:  # too many robots, or too large
-        how: Any = {
-            "trials": trials,
-            "seed": seed,
-            "learner": learner,
-            "progress": progress,
-        }
-        return evaluation.summary(evaluation.play(scenario, tables, **how))
+        return evaluation.play(
+            scenario,
+            tables,
+            trials=trials,
+            seed=seed,
+            learner=learner,
+            progress=progress,
+        )
 
 
 def check_exact(scenario: Scenario) -> None:
@@ -276,62 +251,49 @@ def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
     return np.array(sorted(found))
 
 
-def _joint_state(
-    reached: Sequence[np.ndarray], cells: Sequence[Any]
-) -> tuple[Any, ...]:
-    """Return the joint state of robots in these cells, each in the cells that it can come to."""
+def _joint_state(reached: Sequence[np.ndarray], cells: Any) -> tuple[Any, ...]:
+    """Return where the robots' cells stand among those that each can come to."""
     return tuple(map(np.searchsorted, reached, cells))
 
 
 def _chain(
     scenario: Scenario, robots: Sequence[Greedy], reached: Sequence[np.ndarray]
 ) -> Chain:
-    """Return the Markov chain of robots in the cells `reached`, which they do not leave.
+    """Return the Markov chain of robots that can come to the cells `reached`.
 
     Raises:
         SettingError: steps have too many outcomes.
     """
     team = len(robots)
-    goals = [robot.goal for robot in scenario.robots]
+    shape = [len(own) for own in reached]
+    size = math.prod(shape)
     found = [_outcomes(scenario, k, robot, reached) for k, robot in enumerate(robots)]
     chances, asking = zip(*found, strict=True)
     if team == 1:
         joint = chances[0][:, 0]
     else:
         joint = chances[0][..., None] * chances[1].swapaxes(0, 1)[:, :, None]
-    joint[_joint_state(reached, goals)] = 0.0  # a trial is over
-    outcomes = np.count_nonzero(joint)
-    if outcomes > MOST_OUTCOMES:
-        what = f"{outcomes:,} outcomes of steps"
+    home = _joint_state(reached, [robot.goal for robot in scenario.robots])
+    joint[home] = 0.0  # a trial is over
+    count = np.count_nonzero(joint)
+    if count > MOST_OUTCOMES:
+        what = f"{count:,} outcomes of steps"
         raise _does_not_pay(scenario, what, f"{MOST_OUTCOMES:,}")
     where = np.nonzero(joint)
     states = where[:team]
-    made = where[team:]
+    outcomes = where[team:]
     before = np.stack([reached[k][states[k]] for k in range(team)])
-    cells = len(scenario.map.cells)
-    lead = np.column_stack([scenario.map.next_cell, np.arange(cells)])
-    inter = interactions_of(scenario)
-    after = settled(inter, before, lead[before, made])
-    meets = miscoordinations(inter, before, after)
-    change = np.zeros((3 * team + 1, outcomes))
-    square = np.zeros((3 * team + 1, outcomes))
-    for k, goal in enumerate(goals):
-        acts = before[k] != goal
-        peer = states[1 - k] if team > 1 else 0
-        asks = asking[k][states[k], peer, made[k]]
-        arrives = acts & (after[k] == goal)
-        paid = meets * scenario.penalties[k] + arrives * scenario.arrival_value
-        with_cost = paid - scenario.ask_cost
-        change[RETURN * team + k] = asks * with_cost + (1.0 - asks) * paid
-        square[RETURN * team + k] = asks * with_cost**2 + (1.0 - asks) * paid**2
-        for quantity, share in ((TIME, acts), (ASKS, asks)):
-            change[quantity * team + k] = share
-            square[quantity * team + k] = share
-    change[-1] = meets
-    square[-1] = meets
-    shape = [len(own) for own in reached]
+    asks = np.stack(
+        [
+            asking[k][states[k], states[1 - k] if team > 1 else 0, outcomes[k]]
+            for k in range(team)
+        ]
+    )
+    stay = np.arange(len(scenario.map.cells))
+    lead = np.column_stack([scenario.map.next_cell, stay])
+    after = settled(interactions_of(scenario), before, lead[before, outcomes])
+    change, square = _changes(scenario, before, after, asks)
     number = np.ravel_multi_index(states, shape)
-    size = math.prod(shape)
     probability = joint[where]
 
     def mean_by_state(values: np.ndarray) -> np.ndarray:
@@ -344,12 +306,41 @@ def _chain(
     return Chain(
         first=np.searchsorted(number, np.arange(size + 1)),
         probability=probability,
-        after=np.ravel_multi_index(_joint_state(reached, after), shape),
+        after=np.asarray(np.ravel_multi_index(_joint_state(reached, after), shape)),
         change=np.ascontiguousarray(change.T),
         mean=mean_by_state(change),
         square=mean_by_state(square),
         discounts=discounts,
     )
+
+
+def _changes(
+    scenario: Scenario, before: np.ndarray, after: np.ndarray, asks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and mean square of the changes of the quantities in steps.
+
+    The quantities: `BY_ROBOT`, each of all robots, and miscoordinations.
+
+    Args:
+        scenario: the problem.
+        before: the cell of each robot before each step, shape (robots, steps).
+        after: the cell in which it ended, same shape.
+        asks: the probability that it asked, same shape.
+
+    Returns:
+        Two arrays of shape (quantities, steps).
+    """
+    goals = np.array([[robot.goal] for robot in scenario.robots])
+    acts = before != goals
+    arrives = acts & (after == goals)
+    meets = miscoordinations(interactions_of(scenario), before, after)[None]
+    paid = meets * np.array(scenario.penalties)[:, None]
+    paid += arrives * scenario.arrival_value
+    with_cost = paid - scenario.ask_cost
+    mean = asks * with_cost + (1.0 - asks) * paid
+    square = asks * with_cost**2 + (1.0 - asks) * paid**2
+    others = (acts, asks, meets)  # of a change by 0 or 1 the square is the same
+    return np.concatenate([mean, *others]), np.concatenate([square, *others])
 
 
 def _moments(
@@ -367,7 +358,8 @@ def _moments(
         factors=np.ones(quantities),
     )
     start = _joint_state(reached, [robot.start for robot in scenario.robots])
-    moments.likely[0, np.ravel_multi_index(start, [len(own) for own in reached])] = 1.0
+    shape = [len(own) for own in reached]
+    moments.likely[0, np.ravel_multi_index(start, shape)] = 1.0
     compiled()(chain, moments, scenario.horizon)
     return moments
 
@@ -377,7 +369,7 @@ def _outcomes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the probability of each outcome of robot k's step, and of having asked then.
 
-    An outcome is a move that succeeds, or `STAY`. Shapes (own cells, peer's cells, outcomes); a
+    An outcome is the move that succeeds, or `STAY`. Shapes (own cells, peer's cells, outcomes); a
     robot without a peer has one cell of the peer.
     """
     own = reached[k]
@@ -386,11 +378,9 @@ def _outcomes(
     where = np.flatnonzero(robot.asks[own])
     if len(where):
         there = own[where]
-        moves = np.broadcast_to(
-            robot.blind[there, None], (len(where), *after_asking.shape[1:])
-        )
+        moves = robot.blind[there, None]
         if len(reached) > 1:
-            sees = _percepts(scenario, there, peers)[:, :, None]
+            sees = _percepts(scenario, there, peers)[..., None]
             seen = _greedy(_rows(robot.coord, there, peers))
             moves = sees * seen + (1.0 - sees) * moves
         after_asking[where] = robot.asks[there, None, None] * moves
@@ -431,9 +421,3 @@ def _greedy(values: np.ndarray) -> np.ndarray:
     best = values == values.max(axis=-1, keepdims=True)
     chosen: np.ndarray = best / best.sum(axis=-1, keepdims=True)
     return chosen
-
-
-def _measure(means: np.ndarray, squares: np.ndarray) -> Measure:
-    """Return mean and spread over robots and trials; exact, so without a sampling error."""
-    mean = means.mean()
-    return Measure(float(mean), float(np.sqrt(max(0.0, squares.mean() - mean**2))), 0.0)

@@ -28,6 +28,7 @@ from sparse_coord_ros.core.game.interactions import (
     settled,
 )
 from sparse_coord_ros.core.game.scenario import Robot, Scenario, ScenarioLike, loaded
+from sparse_coord_ros.core.runs.measures import HEADINGS, MEASURES
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, Greedy, evaluate_greedy
 from sparse_coord_ros.core.solve.optimum import independent_bound
 
@@ -78,6 +79,14 @@ class Reference:
             return value
         return f"{value} ({getattr(self, f'{name}_error'):.2f})"
 
+    def cells(self) -> dict[str, str]:
+        """Return the cells of a table's row, as `Measures.cells`."""
+        cells = {HEADINGS[name]: "0.00" for name in MEASURES}
+        for name in ("returns", "time_to_goal", "miscoordinations"):
+            cells[HEADINGS[name]] = self.measure_in_words(name)
+        cells[HEADINGS["arrived"]] = percent(self.all_arrived)
+        return cells | {"source": "exact" if self.exact else f"{self.trials} trials"}
+
     def in_words(self) -> str:
         """Return return and miscoordinations, with their errors, and the failures."""
         returns = self.measure_in_words("returns")
@@ -123,10 +132,10 @@ def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     ]
     found = evaluate_greedy(scenario, robots)
     return Reference(
-        returns=found.returns.mean,
-        time_to_goal=found.time_to_goal.mean,
-        miscoordinations=found.miscoordinations.mean,
-        all_arrived=found.all_arrived,
+        returns=found.mean("returns"),
+        time_to_goal=found.mean("time_to_goal"),
+        miscoordinations=found.mean("miscoordinations"),
+        all_arrived=found.mean("arrived"),
     )
 
 
