@@ -13,6 +13,7 @@ from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import team_mind
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.team import Team
@@ -53,8 +54,9 @@ def misses(scenario, tables):
     """
     found = evaluate_exact(scenario, tables)
     team = Team(scenario, tables[0].rule, compiled=True)
-    minds = team.initial([table.memory for table in tables])
-    trials = team.play(minds, 5, TRIALS)
+    memories = [table.memory for table in tables]
+    mind = team_mind(tables[0].rule, scenario, range(len(tables)), memories)
+    trials = team.play(mind, 5, TRIALS)
     said = []
 
     def compare(what, exactly, samples):
@@ -76,7 +78,7 @@ def misses(scenario, tables):
     if abs(likely - share) > 4 * math.sqrt(likely * (1 - likely) / TRIALS) + 1 / TRIALS:
         said.append(f"arrival: {likely} by the chain, {share} of trials")
     number = TRIALS // PARTS
-    parts = [team.play(minds, seed, number) for seed in range(6, 6 + PARTS)]
+    parts = [team.play(mind, seed, number) for seed in range(6, 6 + PARTS)]
     for name in ("asked", "stays"):
         there = np.array([getattr(part, name) for part in parts])
         error = there.std(axis=0, ddof=1) / math.sqrt(PARTS)
