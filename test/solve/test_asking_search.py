@@ -214,7 +214,7 @@ def test_who_steps_aside_for_both_would_rather_not():
     stubborn = list(found.robots)
     stubborn[k] = RobotPolicy(found.robots[k].moves, {})
     worth = [
-        evaluate_exact(scenario, tables_of_policies(scenario, team)).robots[k]
+        evaluate_exact(scenario, tables_of_policies(scenario, team)).returns[0, k]
         for team in (found.robots, stubborn)
     ]
     assert worth[1] - worth[0] <= found.gains[k] + 1e-6

@@ -410,45 +410,59 @@ def climb(
     """
     cells = len(game.fails)
     value = space.value
-    best = solve(game, policy, free, space, -np.inf)
-    surround(game, policy, free, space)
+    best = -np.inf
+    target = -np.inf
     failed = 0
     i = 0
-    while failed < len(trials):
-        trial = trials[i]
-        i = (i + 1) % len(trials)
-        failed += 1
-        k = trial // (cells * OPTIONS)
-        x = trial // OPTIONS % cells
-        option = trial % OPTIONS
-        if not free[k] or not space.visited[k, x]:
-            continue
-        old_move = policy.moves[k, x]
-        old_asks = policy.asks[k, x]
-        asks = option >= PRIMITIVES
-        move = old_move if option == ASK_AS_NOW else option % PRIMITIVES
-        if asks and (option == ASK_AS_NOW) == game.fails[x]:
-            continue
-        if asks == old_asks and move == old_move:
-            continue
-        policy.moves[k, x] = move
-        policy.asks[k, x] = asks
-        if promises(game, policy, free, space, k, x):
-            for state in range(len(value)):
-                space.kept[state] = value[state]
-            found = solve(game, policy, free, space, best + LEAST_GAIN)
-            if found > best + LEAST_GAIN:
-                best = found
-                failed = 0
-                surround(game, policy, free, space)
-                continue
+    k = 0
+    x = 0
+    old_move = 0
+    old_asks = False
+    ends = False
+    while True:
+        found = solve(game, policy, free, space, target)
+        if found > target:
+            best = found
+            failed = 0
+            surround(game, policy, free, space)
+            if ends:
+                return best
+        else:
+            policy.moves[k, x] = old_move
+            policy.asks[k, x] = old_asks
             for state in range(len(value)):
                 value[state] = space.kept[state]
-        policy.moves[k, x] = old_move
-        policy.asks[k, x] = old_asks
-    best = solve(game, policy, free, space, -np.inf)
-    surround(game, policy, free, space)
-    return best
+        # The next change that promises to make the team better.
+        promising = False
+        while not promising and failed < len(trials):
+            trial = trials[i]
+            i = (i + 1) % len(trials)
+            failed += 1
+            k = trial // (cells * OPTIONS)
+            x = trial // OPTIONS % cells
+            option = trial % OPTIONS
+            if not free[k] or not space.visited[k, x]:
+                continue
+            old_move = policy.moves[k, x]
+            old_asks = policy.asks[k, x]
+            asks = option >= PRIMITIVES
+            move = old_move if option == ASK_AS_NOW else option % PRIMITIVES
+            if asks and (option == ASK_AS_NOW) == game.fails[x]:
+                continue
+            if asks == old_asks and move == old_move:
+                continue
+            policy.moves[k, x] = move
+            policy.asks[k, x] = asks
+            promising = promises(game, policy, free, space, k, x)
+            if not promising:
+                policy.moves[k, x] = old_move
+                policy.asks[k, x] = old_asks
+        target = best + LEAST_GAIN
+        for state in range(len(value)):
+            space.kept[state] = value[state]
+        if not promising:  # for the moves after percepts, which trials have changed
+            ends = True
+            target = -np.inf
 
 
 @functools.cache
