@@ -96,7 +96,7 @@ class Factored(Learner):
     )
     values = ("q_star", "value", "u", "alone", "r_bar", "w", "rho")
     given = ("leaves",)
-    scratch = ("correction", "found", "there", "obstruction")
+    scratch = ("correction", "found", "there", "obstruction", "obstructed")
 
     class Mind(NamedTuple):
         """The learned tables; k is a robot, x its cell, b a move, j a peer.
@@ -129,6 +129,7 @@ class Factored(Learner):
             there: space for the value of the second of two questions where each move leads
                 [k, b].
             obstruction: space for the degree to which each peer is in the way there [k, b, j].
+            obstructed: space for their sum [k, b].
         """
 
         q_star: Any
@@ -154,6 +155,7 @@ class Factored(Learner):
         found: Any
         there: Any
         obstruction: Any
+        obstructed: Any
 
     # A team.
 
@@ -226,6 +228,7 @@ class Factored(Learner):
             found=np.zeros(team, dtype=np.int64),
             there=np.zeros(PRIMITIVES),
             obstruction=np.zeros((PRIMITIVES, team)),
+            obstructed=np.zeros(PRIMITIVES),
         )
 
     @staticmethod

@@ -69,10 +69,10 @@ def learn_from_two_questions(mind: Any, task: Task, k: int, now: Transition) -> 
             failed = True
         else:
             key = rho_key(first, peer, peer_cell, task.cells, task.robots)
-            learn_first(mind, task, k, now, first, key, 1 << peer, here)
+            learn_first(mind, task, k, now, first, key, peer, peer + 1, here)
     if failed:
         key = failed_key(first, task.cells, task.robots)
-        learn_first(mind, task, k, now, first, key, ~(1 << k), here)
+        learn_first(mind, task, k, now, first, key, 0, task.robots, here)
 
 
 # The value of the second question.
@@ -93,6 +93,7 @@ def look_ahead(
         b: the move.
     """
     mind.there[k, b] = 0.0
+    mind.obstructed[k, b] = 0.0
     for peer in range(task.robots):
         mind.obstruction[k, b, peer] = 0.0
     s = int(mind.successor[k, first, b])
@@ -105,6 +106,7 @@ def look_ahead(
         for peer in range(task.robots):
             value = float(mind.rho.values[k, mind.found[k, peer], best])
             mind.obstruction[k, b, peer] = min(0.0, value)
+            mind.obstructed[k, b] += mind.obstruction[k, b, peer]
 
 
 @inner
@@ -155,25 +157,22 @@ def in_the_way(mind: Any, task: Task, k: int, first: int) -> int:
 
 
 @inner
-def share_of(mind: Any, task: Task, k: int, peers: int, b: int) -> float:
+def share_of(mind: Any, task: Task, k: int, low: int, high: int, b: int) -> float:
     """Return these peers' share of the obstruction; if no peer is in the way, shares are equal.
 
     Args:
         mind: the team's mind.
         task: its task.
         k: the robot.
-        peers: the sum of 2^j.
+        low: the peers are one, with this number; or all.
+        high: the number after theirs.
         b: the move.
     """
-    count = 0
-    some = 0.0
-    whole = 0.0
-    for j in range(task.robots):
-        whole += mind.obstruction[k, b, j]
-        if (peers >> j) & 1:
-            count += 1
-            some += mind.obstruction[k, b, j]
-    return some / whole if whole < 0.0 else count / (task.robots - 1)
+    if high - low > 1:
+        return 1.0
+    if mind.obstructed[k, b] < 0.0:
+        return float(mind.obstruction[k, b, low] / mind.obstructed[k, b])
+    return 1.0 / (task.robots - 1)
 
 
 # The moves at the first question.
@@ -187,7 +186,8 @@ def learn_first(
     now: Transition,
     first: int,
     key: int,
-    peers: int,
+    low: int,
+    high: int,
     here: float,
 ) -> None:
     """Learn the results of the moves at the first question, for one row of rho.
@@ -204,7 +204,8 @@ def learn_first(
         now: the step with the second question.
         first: the cell of the first question.
         key: of the row of the percept there.
-        peers: the peers of the row, the sum of 2^j; all peers for a failed percept.
+        low: the peer of the row; 0 for a failed percept, which has all peers.
+        high: the number after that of the last peer.
         here: the value of the second question in the first cell.
     """
     row = met(mind.rho, task, k, key)
@@ -216,20 +217,20 @@ def learn_first(
             continue
         share = mind.moved[k, first, b] / tried
         s = int(mind.successor[k, first, b])
-        stopped = would_stop(mind, task, k, now, peers, first, s)
+        stopped = would_stop(mind, task, k, now, low, high, first, s)
         brought = (1.0 - share) * waiting
         if stopped:
             brought += share * here
         else:
-            brought += share * mind.there[k, b] * share_of(mind, task, k, peers, b)
+            brought += share * mind.there[k, b] * share_of(mind, task, k, low, high, b)
         if b == mind.last[k, 1]:
             count = int(mind.rho.updates[k, row, b])
             rho[b] += step_of_rho(task, count, now.step) * brought
         elif common_is_known(task, now, first, s, share):
             brought += (1.0 - share) * common_of_staying(
-                mind, task, k, now, peers, first
+                mind, task, k, now, low, high, first
             )
-            going = common_of_going(mind, task, k, now, peers, first, s, stopped)
+            going = common_of_going(mind, task, k, now, low, high, first, s, stopped)
             brought += share * going
             if brought != 0.0 or rho[b] != 0.0:
                 learn_rho(mind, task, k, now, row, b, brought)
@@ -237,13 +238,20 @@ def learn_first(
 
 @inner
 def would_stop(
-    mind: Any, task: Task, k: int, now: Transition, peers: int, first: int, s: int
+    mind: Any,
+    task: Task,
+    k: int,
+    now: Transition,
+    low: int,
+    high: int,
+    first: int,
+    s: int,
 ) -> bool:
     """Return whether a peer would have stopped the robot on its way from first to s."""
     if not task.blocks or now.seen == 0 or not mind.narrow[k, s]:
         return False
-    for j in range(task.robots):
-        if (peers >> j) & 1:
+    for j in range(low, high):
+        if j != k:
             before = mind.last[k, 2 + j]
             if stops(s, first, before, now.cells[j], j < k):
                 return True
@@ -272,10 +280,10 @@ def is_empty(task: Task, now: Transition, cell: int) -> bool:
 
 @inner
 def common_of_staying(
-    mind: Any, task: Task, k: int, now: Transition, peers: int, first: int
+    mind: Any, task: Task, k: int, now: Transition, low: int, high: int, first: int
 ) -> float:
     """Return the r^C that was once felt in the first cell, if one of the peers is there now."""
-    if is_met(task, now, peers, first):
+    if is_met(k, now, low, high, first):
         return float(mind.door[k, first])
     return 0.0
 
@@ -286,7 +294,8 @@ def common_of_going(
     task: Task,
     k: int,
     now: Transition,
-    peers: int,
+    low: int,
+    high: int,
     first: int,
     s: int,
     stopped: bool,
@@ -294,32 +303,39 @@ def common_of_going(
     """Return the r^C that a move from first to s would have cost, or the loss from a stop."""
     if stopped:
         return -loss_of_stop(task)
-    if is_met(task, now, peers, s):
+    if is_met(k, now, low, high, s):
         return float(mind.door[k, s])
-    if task.swaps and would_exchange(mind, task, k, now, peers, first, s):
+    if task.swaps and would_exchange(mind, task, k, now, low, high, first, s):
         return float(mind.passage[k, s])
     return 0.0
 
 
 @inner
-def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
-    """Return whether one of the peers (the sum of 2^j) was perceived in a cell."""
+def is_met(k: int, now: Transition, low: int, high: int, cell: int) -> bool:
+    """Return whether one of the peers was perceived in a cell."""
     if now.seen == 0:
         return False
-    for j in range(task.robots):
-        if (peers >> j) & 1 and now.cells[j] == cell:
+    for j in range(low, high):
+        if j != k and now.cells[j] == cell:
             return True
     return False
 
 
 @inner
 def would_exchange(
-    mind: Any, task: Task, k: int, now: Transition, peers: int, first: int, s: int
+    mind: Any,
+    task: Task,
+    k: int,
+    now: Transition,
+    low: int,
+    high: int,
+    first: int,
+    s: int,
 ) -> bool:
     """Return whether the robot would have exchanged cells with a peer, going from first to s."""
     if now.seen == 0:
         return False
-    for j in range(task.robots):
-        if (peers >> j) & 1 and mind.last[k, 2 + j] == s and now.cells[j] == first:
+    for j in range(low, high):
+        if j != k and mind.last[k, 2 + j] == s and now.cells[j] == first:
             return True
     return False

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.files import free_memory
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.table import (
     LearnedRows,
@@ -56,6 +58,36 @@ def team_mind(
     for k, memory in zip(robots, memories, strict=bool(memories)):
         mind = with_memory(mind, k, memory)
     return mind
+
+
+COPIES = 3
+"""Of a team's mind: it learns in one, plays trials in another one, and saves a third one."""
+
+
+def check_room(learner: "Learner", scenario: Scenario) -> None:
+    """Raise `SettingError` where a team remembers more than this machine has room for.
+
+    Tables that grow are counted as they begin.
+    """
+    needed = COPIES * len(scenario.robots) * _size(learner.begun(scenario, 0))
+    room = free_memory()
+    if room is not None and needed > room:
+        raise SettingError(
+            f"learner {learner.label}: what {len(scenario.robots)} robots remember on "
+            f"{len(scenario.map.cells)} cells takes {needed / 1e9:.1f} GB, this machine has "
+            f"{room / 1e9:.1f} GB left; use fewer robots, a smaller map, or another learner"
+        )
+
+
+def _size(mind: Any) -> int:
+    """Return the bytes of a mind."""
+    total = 0
+    for value in mind:
+        if isinstance(value, Table):
+            total += _size(value)
+        elif isinstance(value, np.ndarray):
+            total += value.nbytes
+    return total
 
 
 def _team_field(own: Sequence[Any], robots: Sequence[int], team: int) -> Any:
