@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.measures import MEASURES, Measures, by_run
+from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.studies.conditions import Condition
@@ -129,11 +129,8 @@ class ConditionResult:
         }
 
     def to_row(self) -> dict[str, Any]:
-        """Return the measures as a row of a table: `Measures.to_dict`, with spreads of trials."""
-        row = {**self.measures.to_dict(), "trials": self.trials.trials}
-        for name in MEASURES:
-            row[f"{name}_spread"] = self.trials.spread(name)
-        return row
+        """Return the measures as a row of a table: `Measures.to_dict`, with the trials played."""
+        return {**self.measures.to_dict(), "trials": self.trials.trials}
 
 
 RunResult: TypeAlias = tuple[Measures, Measures | None, float]

@@ -258,13 +258,13 @@ def _mean_and_bar(result: ConditionResult, name: str, bars: str) -> tuple[float,
     The variance has no bar.
     """
     if name == "variance":
-        return result.trials.spread("returns") ** 2, 0.0
+        return result.measures.spread("returns") ** 2, 0.0
     measure = "returns" if name == "loss" else name
     mean = result.measures.mean(measure)
     if name == "loss":
         mean = independent_bound(result.scenario) - mean
     if bars == "spread":
-        return mean, result.trials.spread(measure)
+        return mean, result.measures.spread(measure)
     return mean, result.measures.error(measure)
 
 

@@ -162,10 +162,10 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
     measures: dict[str, Form] = dict.fromkeys(MEASURES, (plan.runs,))
     measures |= dict.fromkeys(BY_ROBOT, (plan.runs, robots))
     measures |= dict.fromkeys(BY_CELL, (robots, len(scenario.map.cells)))
-    variances = dict.fromkeys(MEASURES, (plan.runs,))
+    measures["variances"] = dict.fromkeys(MEASURES, (plan.runs,))
     return {
-        "trials": {**measures, "variances": variances},
-        "exact": OrNull({**measures, "variances": {}}),
+        "trials": measures,
+        "exact": OrNull(measures),
         "visited": (plan.runs,),
         "optimum": (),
         "optimum_exact": bool,
