@@ -340,7 +340,7 @@ def chosen(version: str, kind: str, robots: int, options):
         if not counts.get(split_of(name)):
             continue
         scenario = sc.load_scenario(name)
-        paths = sc.shortest_paths(scenario).returns
+        paths = sc.shortest_paths(scenario).mean("returns")
         optimum = sc.optimum(scenario)
         facts: dict[str, object] = {"shortest_paths": paths}
         if optimum.exact:

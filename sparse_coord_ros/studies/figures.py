@@ -47,6 +47,7 @@ from sparse_coord_ros.studies.compared import (
     paper,
 )
 from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.paper import PAPER_MEASURES
 from sparse_coord_ros.studies.store import Say, read_results
 
 CELL_INCHES = 0.3
@@ -284,9 +285,9 @@ def compared_with(
         optimum: name of the joint optimum's line.
     """
     if measure not in ("returns", "loss"):
-        known = measure in result.reference
-        return {SHORTEST: result.reference[measure]} if known else {}
-    values = {SHORTEST: result.reference["returns"], optimum: result.optimum}
+        known = measure in PAPER_MEASURES
+        return {SHORTEST: result.shortest_paths.mean(measure)} if known else {}
+    values = {SHORTEST: result.shortest_paths.mean("returns"), optimum: result.optimum}
     asking = best_asking_team(result)
     if result.learner.asks and asking is not None:
         values[BEST_ASKING] = asking

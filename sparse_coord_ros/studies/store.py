@@ -47,7 +47,7 @@ from sparse_coord_ros.studies.checked_json import (
     read_checked,
     to_text,
 )
-from sparse_coord_ros.studies.condition_result import ConditionResult, reference_names
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, parse_id
 
 MANIFEST = "results.json"
@@ -139,7 +139,7 @@ class Results:
         write_result(self.path(condition), to_text(data))
 
 
-SAVED = ("visited", "optimum", "optimum_exact", "reference")
+SAVED = ("visited", "optimum", "optimum_exact")
 """What a file says of a condition's runs besides measures, as named in `ConditionResult`."""
 
 PLAN_FORM: Mapping[str, Form] = {"seed": int, "runs": int, "trials": int}
@@ -169,7 +169,6 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
         "visited": (plan.runs,),
         "optimum": (),
         "optimum_exact": bool,
-        "reference": dict.fromkeys(reference_names(scenario), ()),
     }
 
 

@@ -95,7 +95,7 @@ def test_sparsity_and_what_it_is_compared_with(result):
     assert result.visited_bytes == pytest.approx(53 * 32)
     assert result.optimum == pytest.approx(121.89, abs=0.01)
     assert result.optimum_exact
-    assert result.reference["returns"] == pytest.approx(119.68, abs=0.01)
+    assert result.shortest_paths.mean("returns") == pytest.approx(119.68, abs=0.01)
 
 
 def test_what_is_exact_is_shown():

@@ -22,7 +22,6 @@ from sparse_coord_ros.core.solve.asking_search import (
 from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     game_digest,
@@ -30,6 +29,7 @@ from sparse_coord_ros.core.solve.shipped import (
     shipped_best_team,
     yardsticks,
 )
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 TINY = "1D.2"
 SMALL = "1.D.2\n..#.."
@@ -119,7 +119,7 @@ def test_the_value_is_what_exact_evaluation_says(settings):
     assert worth.mean("returns") == pytest.approx(found.value, abs=1e-6)
     assert class_value(scenario, found.robots) == pytest.approx(found.value, abs=1e-6)
     assert found.value <= joint_optimum(scenario).value + 1e-6
-    assert found.value >= shortest_path_reference(scenario).returns - 1e-6
+    assert found.value >= shortest_paths(scenario).mean("returns") - 1e-6
 
 
 def test_no_other_moves_after_percepts_are_better():
@@ -308,7 +308,7 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     )
     assert abs(found.mean("returns") - bound.value) < 1e-6 + late
     assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_path_reference(scenario).returns - 1e-6
+    assert bound.value >= shortest_paths(scenario).mean("returns") - 1e-6
     assert 1 <= bound.agreed <= bound.restarts
     assert all(gain >= 0 for gain in bound.gains)
 
@@ -324,7 +324,7 @@ def test_teams_that_swap_or_block_are_worth_what_is_said(title):
     bound = shipped_asking_team(scenario)
     assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
     assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_path_reference(scenario).returns
+    assert bound.value >= shortest_paths(scenario).mean("returns")
 
 
 @pytest.mark.parametrize("name", ["lane", "aisle"])
@@ -333,7 +333,7 @@ def test_teams_of_the_teaching_scenarios_are_worth_what_is_said(name):
     bound = shipped_asking_team(scenario)
     assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
     assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_path_reference(scenario).returns - 1e-6
+    assert bound.value >= shortest_paths(scenario).mean("returns") - 1e-6
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-2r", "pentagon", "isr", "cit"])
