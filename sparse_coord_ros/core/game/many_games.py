@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, jit, jitable
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
 from sparse_coord_ros.core.game.interactions import miscoordinates, settle
@@ -204,7 +204,7 @@ def new_outcome(games: Games) -> Outcome:
     )
 
 
-@inner
+@jitable
 def is_allowed(action: int, waits: bool, half: bool, chosen: int) -> bool:
     """Return whether a robot may choose an action now.
 
@@ -245,7 +245,7 @@ def first_refused(actions: Any, games: Games, allowed: Any) -> int:
     return -1
 
 
-@inner
+@jitable
 def begin(games: Games, i: int) -> None:
     """Begin the next episode of a game."""
     keys = games.keys[i]
@@ -261,7 +261,7 @@ def begin(games: Games, i: int) -> None:
     games.ended[i] = False
 
 
-@inner
+@jitable
 def ask_first(games: Games, i: int, actions: Any) -> bool:
     """Make the first half of a time step; return whether any robot asks."""
     keys = games.keys[i]
@@ -275,7 +275,7 @@ def ask_first(games: Games, i: int, actions: Any) -> bool:
     return asks
 
 
-@inner
+@jitable
 def choose_both(games: Games, i: int, actions: Any) -> None:
     """Note which robots ask with their moves; they perceive after the moves."""
     for k in range(games.team):
@@ -283,7 +283,7 @@ def choose_both(games: Games, i: int, actions: Any) -> None:
         games.chosen[i, k] = COORDINATE if asks else actions[i, k]
 
 
-@inner
+@jitable
 def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Complete a time step: moves, rewards, ends."""
     problem = games.problem
@@ -324,7 +324,7 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
     infos.miscoordination[i] = conflict
 
 
-@inner
+@jitable
 def clear_outcome(games: Games, i: int, outcome: Outcome) -> None:
     """Note that nothing is paid, and that nothing ends."""
     for k in range(games.team):
@@ -333,7 +333,7 @@ def clear_outcome(games: Games, i: int, outcome: Outcome) -> None:
     outcome.truncated[i] = False
 
 
-@inner
+@jitable
 def clear_infos(games: Games, i: int, infos: Infos) -> None:
     """Note that no step was made."""
     infos.miscoordination[i] = False
@@ -342,7 +342,7 @@ def clear_infos(games: Games, i: int, infos: Infos) -> None:
             infos.reward_parts[i, k, part] = 0.0
 
 
-@inner
+@jitable
 def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
     """Copy the infos of a step."""
     copied.miscoordination[i] = infos.miscoordination[i]
@@ -351,7 +351,7 @@ def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
             copied.reward_parts[i, k, part] = infos.reward_parts[i, k, part]
 
 
-@inner
+@jitable
 def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Make a time step of a game, or half of one."""
     if not games.in_halves:
@@ -365,7 +365,7 @@ def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) 
     move(games, i, actions, outcome, infos)
 
 
-@inner
+@jitable
 def observe(games: Games, i: int, shown: Observations, infos: Infos) -> None:
     """Fill in the observations and the infos of a game."""
     half = games.half[i]
