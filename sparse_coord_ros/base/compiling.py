@@ -139,7 +139,6 @@ def _end_without(future: Future[Any]) -> None:
 
 _inner: dict[Callable[..., Any], bool] = {}
 _overloads: dict[Callable[..., Any], Callable[..., Any]] = {}
-_before: list[Callable[[dict[str, Any]], None]] = []
 
 
 def inner(function: F) -> F:
@@ -211,21 +210,13 @@ def flag_of_learner(name: str) -> Callable[[Any], bool]:
     return flag
 
 
-def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[..., None]:
-    """Call a function with the compiler's options once, before the first loop is compiled."""
-    _before.append(function)
-    return function
-
-
 @functools.cache
 def _registered(function: Callable[..., Any]) -> None:
     """Register a function with numba once, or a callable that registers before compiling."""
     options = accepted("_nrt", False)
     inline = accepted("forceinline", True)
     extending = numba().extending
-    if function in _before:
-        function(options)
-    elif function in _inner:
+    if function in _inner:
         extending.register_jitable(**options, **(inline if _inner[function] else {}))(
             function
         )
@@ -265,7 +256,7 @@ def jit(
         loops: the loops.
         rule: the learner whose functions are compiled in, or None.
     """
-    for function in (*_before, *_inner, *_overloads):
+    for function in (*_inner, *_overloads):
         _registered(function)
     place = folder(rule)
     config = vars(numba().config)

@@ -27,18 +27,13 @@ from sparse_coord_ros.base.errors import (
 )
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
+from sparse_coord_ros.core.game.draws import PEER, PHASES, ROBOT, draw, keys_of
 from sparse_coord_ros.core.game.grid import WALL
 from sparse_coord_ros.core.game.many_games import is_allowed, longest_episode
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.rules import paid_for_ever, problem_of
 from sparse_coord_ros.core.game.scenario import Scenario, loaded
-from sparse_coord_ros.core.game.streams import (
-    PEER,
-    PHASES,
-    POLICY,
-    Stream,
-)
 from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome, World
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
@@ -157,8 +152,8 @@ class SparseCoordEnv(ParallelEnv):
                 phase=self._phase,
                 max_steps=longest_episode(self.scenario, self._phase),
             )
-            numbers = range(len(self.possible_agents))
-            self._peer_draws = [Stream(chosen, k, POLICY, self._phase) for k in numbers]
+            keys = keys_of(chosen, self._phase, len(self.possible_agents))
+            self._keys = keys[ROBOT].tolist()
             self._percepts = Percepts(self.scenario, chosen, self._phase)
             for name, space in self.action_spaces.items():
                 space.seed(chosen + self._number[name])
@@ -246,8 +241,9 @@ class SparseCoordEnv(ParallelEnv):
     def _ask(self, world: World, askers: list[int]) -> None:
         """Let robots ask their peers where they are."""
         for k in askers:
-            draw = self._peer_draws[k].at(world.step)[PEER]
-            peers = asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
+            which = draw(self._keys[k], world.step, PEER)
+            robots = len(self.possible_agents)
+            peers = asked_peers(self.scenario.peers, k, robots, which)
             cells = tuple(world.cells[peer] for peer in peers)
             sees = partial(self._percepts.sees, world.step, k, world.cells[k])
             self._asked[k] = peers

@@ -21,9 +21,9 @@ from sparse_coord_ros.base.errors import (
     check_choice,
 )
 from sparse_coord_ros.core.game import many_games
+from sparse_coord_ros.core.game.draws import PHASES
 from sparse_coord_ros.core.game.scenario import Scenario, loaded
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.game.streams import PHASES
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 
 try:
@@ -206,7 +206,7 @@ class VectorGame(VectorEnv):
     def _begin_runs(self, seed: int, which: np.ndarray) -> None:
         """Put some games at the beginning of their runs."""
         for i in np.flatnonzero(which).tolist():
-            many_games.seed_one(self._games, i, self.scenario, seed + i, self._phase)
+            many_games.seed_one(self._games, i, seed + i, self._phase)
 
     def _checked_mask(self, options: Mapping[str, Any] | None) -> np.ndarray:
         """Return which games are to begin."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.game.streams import EVALUATION
 from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.tables import Tables

@@ -15,9 +15,9 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.core.game import many_games
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import PEER, PHASES, ROBOT, draw, keys_of
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.percepts import Percepts
-from sparse_coord_ros.core.game.streams import PEER, PHASES, POLICY, Stream
 from sparse_coord_ros.core.game.world import Action, World
 
 STARTS = {"starts": "mixed:0.7", "max_steps": 25, "horizon": 30}
@@ -47,15 +47,14 @@ class OneGame:
         self.scenario = scenario
         self.world = World(scenario, seed, phase=number, max_steps=most)
         self.percepts = Percepts(scenario, seed, number)
-        team = range(len(scenario.robots))
-        self.draws = [Stream(seed, k, POLICY, number) for k in team]
+        self.keys = keys_of(seed, number, len(scenario.robots))[ROBOT]
 
     def perceived(self, k):
         """Return what robot k perceives now: by peer its cell; empty: the percept fails."""
         step = self.world.step
         cells = self.world.cells
-        draw = self.draws[k].at(step)[PEER]
-        peers = asked_peers(self.scenario.peers, k, len(cells), draw)
+        which = draw(self.keys[k], step, PEER)
+        peers = asked_peers(self.scenario.peers, k, len(cells), which)
         sees = [self.percepts.sees(step, k, cells[k], cells[j]) for j in peers]
         return {j: cells[j] for j in peers} if all(sees) else {}
 

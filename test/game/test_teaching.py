@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.game.actions import PRIMITIVES
+from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.game.streams import EVALUATION
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.learners.lone import lone_values
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.game.actions import EAST, NORTH, WEST
+from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.game.streams import EVALUATION
 from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, World
 
 SURE = {"move_success": 1, "starts": "fixed"}

@@ -4,13 +4,15 @@
 
 import math
 from collections import Counter
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import TIE
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.game.streams import TIE
+from sparse_coord_ros.core.learners import policy
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.policy import (
     asks_at_times,
@@ -26,19 +28,10 @@ DRAWS = [(i + 0.5) / N for i in range(N)]
 LARGEST_DRAW = 1.0 - 2.0**-53
 
 
-class Drawn:
-    """Draws that are all the same."""
-
-    def __init__(self, draw):
-        self.streams = [[self]]
-        self.draw = draw
-
-    def at(self, step):
-        return [self.draw] * 5
-
-
-def greedy(values, count, draw):
-    return greedy_action(values, count, Drawn(draw), 0, 0, TIE)
+def greedy(values, count, tie):
+    """Return the greedy action of a robot that draws this number."""
+    with mock.patch.object(policy, "draw", lambda key, step, column: tie):
+        return greedy_action(values, count, 0, 0, TIE)
 
 
 def frequencies(choose):

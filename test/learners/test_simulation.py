@@ -23,6 +23,16 @@ def problem(name, **settings):
     return load_scenario(name).with_settings({**GIVEN, **settings})
 
 
+def splitmix64(seed, numbers):
+    """Return outputs of SplitMix64 by their numbers, from 0; all of them uint64."""
+    z = seed + (numbers.astype(np.uint64) + np.uint64(1)) * np.uint64(
+        0x9E3779B97F4A7C15
+    )
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
 class Reference:
     """The whole of learning written a second time, in one place, from the paper and DESIGN.
 
@@ -77,12 +87,11 @@ class Reference:
                     return False
         return True
 
-    def draws(self, agent, role, width):
-        """Return the first draws of a stream in one piece, shape (time steps, width)."""
-        sequence = np.random.SeedSequence(self.seed, spawn_key=(0, agent, role))
-        return np.random.Generator(np.random.PCG64(sequence)).random(
-            (9 * self.horizon, width)
-        )
+    def draws(self, agent, role):
+        """Return the first draws of a robot in a role in one piece, shape (time steps, 64)."""
+        key = splitmix64(np.uint64(self.seed), np.array([4 * agent + role]))
+        found = splitmix64(key, np.arange(9 * self.horizon * 64))
+        return (found >> np.uint64(11)).reshape(-1, 64) / 2.0**53
 
     def exploring(self, t):
         """Return the probability of an exploring start at time step t."""
@@ -100,10 +109,8 @@ class Reference:
     def learn_together(self, members):
         scenario = self.scenario
         robots = self.scenario.robots
-        policy = {k: self.draws(k, 0, 5) for k in members}
-        motion = {k: self.draws(k, 1, 1) for k in members}
-        percept = {k: self.draws(k, 2, 1) for k in members}
-        start = {k: self.draws(k, 3, 2) for k in members}
+        world = {k: self.draws(k, 0) for k in members}
+        policy = {k: self.draws(k, 1) for k in members}
         counts = [({}, {}) for _ in robots]
         t = 1
         made = 0
@@ -113,18 +120,18 @@ class Reference:
             active = set(members)
             for k in members:
                 x[k] = robots[k].start
-                if start[k][t, 0] < self.exploring(t):
+                if world[k][t, 2] < self.exploring(t):
                     distance = scenario.map.distances_to(robots[k].goal)
                     free = [c for c in range(len(distance)) if distance[c] > 0]
-                    x[k] = free[math.floor(start[k][t, 1] * len(free))]
+                    x[k] = free[math.floor(world[k][t, 3] * len(free))]
             while active and t - begun < scenario.max_steps:
                 chosen = {
-                    k: self.choose(k, t, x, policy[k][t], percept[k][t, 0])
+                    k: self.choose(k, t, x, policy[k][t], world[k][t, 1])
                     for k in active
                 }
                 y = dict(x)
                 for k in active:
-                    if motion[k][t, 0] < scenario.move_success:
+                    if world[k][t, 0] < scenario.move_success:
                         y[k] = int(self.next_cell[x[k], chosen[k][1]])
                 inside = [y[k] for k in members if y[k] in self.doors]
                 if scenario.interactions == "together":
@@ -155,23 +162,23 @@ class Reference:
     def choose(self, k, t, x, draws, percept):
         """Return A_k(t), the primitive action and the perceived cells (or None)."""
         q_star, q_coord = self.tables[k]
-        if draws[0] < self.epsilons[min(t, self.scenario.steps)]:
-            action = math.floor(draws[1] * self.columns)
+        if draws[1] < self.epsilons[min(t, self.scenario.steps)]:
+            action = math.floor(draws[2] * self.columns)
         else:
-            action = self.greedy(q_star[x[k], : self.columns], draws[2])
+            action = self.greedy(q_star[x[k], : self.columns], draws[3])
         if action != 4:
             return action, action, None
         peers = [other for other in range(len(self.scenario.robots)) if other != k]
         if self.scenario.peers == "one":
-            peers = [peers[math.floor(draws[4] * len(peers))]]
+            peers = [peers[math.floor(draws[0] * len(peers))]]
         seen = [x[peer] for peer in peers]
         if percept < min(self.see[x[k], cell] for cell in seen):
             row = [
                 q_coord.get((x[k], *seen, a), self.scenario.q_coord_init)
                 for a in range(4)
             ]
-            return 4, self.greedy(np.array(row), draws[3]), seen
-        return 4, self.greedy(q_star[x[k], :4], draws[3]), None
+            return 4, self.greedy(np.array(row), draws[4]), seen
+        return 4, self.greedy(q_star[x[k], :4], draws[4]), None
 
     def factor(self, k):
         """Return robot k's part of the penalty."""

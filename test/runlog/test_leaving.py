@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.game.actions import ACTIONS
-from sparse_coord_ros.core.game.streams import LEAVE, Stream
+from sparse_coord_ros.core.game.draws import LEARNING, LEAVE, ROBOT, draw, key_of
 from sparse_coord_ros.core.learners.factored import LEAVING_SHARE
 from sparse_coord_ros.core.learners.policy import LEAVING
 from sparse_coord_ros.log.runlog import read_run
@@ -60,7 +60,8 @@ def test_each_move_that_the_values_do_not_say_is_told_as_left_at_random(log):
         left += 1
         assert asked_twice_and_saw_no_robot_move(log, one)
         assert log.run.scenario.map.next_cell[one.cell, one.move] != one.cell
-        assert Stream(log.run.seed, one.robot, LEAVE).at(one.step)[0] < LEAVING
+        key = key_of(log.run.seed, LEARNING, one.robot, ROBOT)
+        assert draw(key, one.step, LEAVE) < LEAVING
         assert one.q_values[one.waiting_move] == best
         assert one.q_values[one.move] >= (1 - LEAVING_SHARE) * best
         assert why == [f"{WHY} (probability {LEAVING:g})"]

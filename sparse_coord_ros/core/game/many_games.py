@@ -15,12 +15,7 @@ import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba, inlined, jit
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import (
-    PlainDraws,
-    draws_of_game,
-    room_for_draws,
-    seed_game,
-)
+from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
 from sparse_coord_ros.core.game.interactions import miscoordinate, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
@@ -38,13 +33,6 @@ from sparse_coord_ros.core.game.rules import (
 )
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities
-from sparse_coord_ros.core.game.streams import (
-    EVALUATION,
-    MOTION,
-    PERCEPT,
-    POLICY,
-    START,
-)
 from sparse_coord_ros.core.game.world import FIRST_STEP
 
 CELL, SECOND_HALF, ANSWERED, PEERS = range(4)
@@ -67,7 +55,7 @@ class Games(NamedTuple):
         exploring: probability of an exploring start [time step].
         most_steps: steps after which an episode ends.
         in_halves: whether robots ask in the first half of a time step; else with their moves.
-        draws: where the draws come from, for `draws_of_game`.
+        keys: the keys of the robots' draws [i][role][k].
         step: the time step [i].
         first_step: that of the episode's beginning [i].
         half: whether it is the second half of a time step [i].
@@ -84,7 +72,7 @@ class Games(NamedTuple):
     exploring: Any
     most_steps: int
     in_halves: bool
-    draws: Any
+    keys: Any
     step: Any
     first_step: Any
     half: Any
@@ -160,7 +148,7 @@ def room_for_games(
         exploring=exploring,
         most_steps=longest_episode(scenario, phase),
         in_halves=in_halves,
-        draws=room_for_draws(scenario, games) if compiled else [None] * games,
+        keys=np.zeros((games, 2, team), dtype=np.uint64),
         step=np.zeros(games, dtype=np.int64),
         first_step=np.zeros(games, dtype=np.int64),
         half=np.zeros(games, dtype=np.bool_),
@@ -178,19 +166,10 @@ def longest_episode(scenario: Scenario, phase: int) -> int:
     return scenario.horizon if phase == EVALUATION else scenario.max_steps
 
 
-def seed_one(games: Games, i: int, scenario: Scenario, seed: int, phase: int) -> None:
+def seed_one(games: Games, i: int, seed: int, phase: int) -> None:
     """Let a game be at the beginning of the run with a seed; its first episode is yet to begin."""
     games.step[i] = FIRST_STEP - EPISODE_GAP
-    if isinstance(games.draws, list):
-        games.draws[i] = PlainDraws(scenario, seed, phase)
-        return
-    looked_at = {
-        POLICY: scenario.peers == "one" and len(scenario.robots) > 2,
-        MOTION: True,
-        PERCEPT: games.draws.percepts_drawn,
-        START: bool(np.any(games.exploring)),
-    }
-    seed_game(games.draws, i, scenario, seed, phase, looked_at, FIRST_STEP)
+    games.keys[i] = keys_of(seed, phase, len(games.members))
 
 
 def actions_of(games: Games) -> int:
@@ -271,11 +250,11 @@ def first_refused(actions: Any, games: Games, allowed: Any) -> int:
 @inlined
 def begin(games: Games, i: int) -> None:
     """Begin the next episode of a game."""
-    draws = draws_of_game(games.draws, i)
+    keys = games.keys[i]
     step = int(games.step[i]) + EPISODE_GAP
     exploring = games.exploring[min(step, len(games.exploring) - 1)]
     for k in games.members:
-        games.cells[i, k] = start_of(games.problem, draws, k, step, exploring)
+        games.cells[i, k] = start_of(games.problem, keys, k, step, exploring)
         games.arrived[i, k] = False
         games.seen[i, k] = 0
     games.step[i] = step
@@ -287,14 +266,14 @@ def begin(games: Games, i: int) -> None:
 @inlined
 def ask_first(games: Games, i: int, actions: Any) -> bool:
     """Make the first half of a time step; return whether any robot asks."""
-    draws = draws_of_game(games.draws, i)
+    keys = games.keys[i]
     step = int(games.step[i])
     asks = False
     for k in games.members:
         games.chosen[i, k] = actions[i, k]
         if actions[i, k] == COORDINATE and not games.arrived[i, k]:
             asks = True
-            games.seen[i, k] = perceive(games.problem, draws, k, step, games.cells[i])
+            games.seen[i, k] = perceive(games.problem, keys, k, step, games.cells[i])
     return asks
 
 
@@ -310,7 +289,7 @@ def choose_both(games: Games, i: int, actions: Any) -> None:
 def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Complete a time step: moves, rewards, ends."""
     problem = games.problem
-    draws = draws_of_game(games.draws, i)
+    keys = games.keys[i]
     step = int(games.step[i])
     inter = problem.interactions
     cells = games.cells[i]
@@ -318,9 +297,7 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
     for k in games.members:
         before[k] = cells[k]
         if not games.arrived[i, k]:
-            cells[k] = led(
-                problem, draws, k, step, cells[k], actions[i, k] % PRIMITIVES
-            )
+            cells[k] = led(problem, keys, k, step, cells[k], actions[i, k] % PRIMITIVES)
     settle(inter, before, cells, games.members)
     conflict = miscoordinate(inter, before, cells, games.members)
     over = True
@@ -339,7 +316,7 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
         over = over and games.arrived[i, k]
         games.seen[i, k] = 0
         if asked and not home and not games.in_halves:
-            games.seen[i, k] = perceive(problem, draws, k, step + 1, cells)
+            games.seen[i, k] = perceive(problem, keys, k, step + 1, cells)
     games.step[i] = step + 1
     games.half[i] = False
     elapsed = step + 1 - games.first_step[i]

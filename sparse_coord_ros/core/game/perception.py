@@ -280,7 +280,7 @@ def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int,
         peers: the setting: "one" or "all".
         number: the robot, from 0.
         robots: number of robots.
-        draw: its draw `streams.PEER` of the time step, in [0, 1).
+        draw: its draw `PEER` of the time step, in [0, 1).
     """
     if peers == "all" or robots == 1:
         return (*range(number), *range(number + 1, robots))

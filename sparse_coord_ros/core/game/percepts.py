@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Success of percepts in a run, by the perception model."""
 
-import functools
-
+from sparse_coord_ros.core.game.draws import (
+    ENVIRONMENT,
+    LEARNING,
+    PERCEPT,
+    draw,
+    keys_of,
+)
 from sparse_coord_ros.core.game.perception import sight_of, succeeds
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probability
 from sparse_coord_ros.core.game.specs import Spec
-from sparse_coord_ros.core.game.streams import LEARNING, PERCEPT, Stream
 
 NEVER_PERCEIVING = (Spec("never"), Spec("probability", (0.0,)))
 """Perception models by which no percept ever succeeds."""
@@ -17,12 +21,6 @@ NEVER_PERCEIVING = (Spec("never"), Spec("probability", (0.0,)))
 def percepts_can_succeed(scenario: Scenario) -> bool:
     """Return whether a percept can succeed at all, as far as the settings alone tell."""
     return scenario.perception not in NEVER_PERCEIVING
-
-
-def percepts_can_fail(scenario: Scenario) -> bool:
-    """Return whether a percept can fail, as far as the settings alone tell."""
-    alone = len(scenario.robots) == 1
-    return alone or scenario.perception.kind != "always"
 
 
 def chance_of_answer(scenario: Scenario) -> float:
@@ -42,16 +40,16 @@ class Percepts:
 
     Args:
         scenario: the problem.
-        seed, phase: as of `Stream`.
+        seed: the run's seed.
+        phase: LEARNING or EVALUATION.
     """
 
     def __init__(self, scenario: Scenario, seed: int, phase: int = LEARNING) -> None:
-        self._stream_of = functools.cache(
-            lambda asker: Stream(seed, asker, PERCEPT, phase)
-        )
+        keys = keys_of(seed, phase, len(scenario.robots))
+        self._keys = keys[ENVIRONMENT].tolist()
         self._sight = sight_of(scenario.perception, scenario.map)
 
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Return whether a robot in cell `here` perceives one in cell `there` at a time step."""
-        [draw] = self._stream_of(asker).at(step)
-        return bool(succeeds(draw, probability(self._sight, here, there)))
+        chance = draw(self._keys[asker], step, PERCEPT)
+        return bool(succeeds(chance, probability(self._sight, here, there)))

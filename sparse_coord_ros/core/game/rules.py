@@ -13,7 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import inlined
-from sparse_coord_ros.core.game.draws import drawn, percept_draw
+from sparse_coord_ros.core.game.draws import (
+    ENVIRONMENT,
+    MOTION,
+    PEER,
+    PERCEPT,
+    ROBOT,
+    START,
+    START_CELL,
+    draw,
+)
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
     as_lists,
@@ -22,7 +31,6 @@ from sparse_coord_ros.core.game.interactions import (
 from sparse_coord_ros.core.game.perception import drawn_peer, sight_of, succeeds
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import BLIND, Sight, probability
-from sparse_coord_ros.core.game.streams import MOTION, PEER, POLICY, START
 
 EPISODE_GAP = 2
 """Time steps from an episode's last state to the next one's first: no robot learns across it."""
@@ -116,18 +124,19 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
 
 
 @inlined
-def start_of(problem: Problem, draws: Any, k: int, step: int, exploring: float) -> int:
+def start_of(problem: Problem, keys: Any, k: int, step: int, exploring: float) -> int:
     """Return the cell where robot k begins an episode: its start, or an exploring start.
 
     Args:
         problem: the scenario.
-        draws: where the draws come from.
+        keys: the keys of the team's draws [role][k], from `keys_of`.
         k: the robot.
         step: the episode's first time step.
         exploring: probability of an exploring start: any cell with a way to the goal.
     """
-    if exploring > 0.0 and drawn(draws, START, k, step, 0) < exploring:
-        pick = int(drawn(draws, START, k, step, 1) * problem.start_counts[k])
+    key = keys[ENVIRONMENT][k]
+    if exploring > 0.0 and draw(key, step, START) < exploring:
+        pick = int(draw(key, step, START_CELL) * problem.start_counts[k])
         cell: int = problem.start_cells[k][pick]
         return cell
     start: int = problem.starts[k]
@@ -135,35 +144,31 @@ def start_of(problem: Problem, draws: Any, k: int, step: int, exploring: float) 
 
 
 @inlined
-def led(problem: Problem, draws: Any, k: int, step: int, cell: int, move: int) -> int:
+def led(problem: Problem, keys: Any, k: int, step: int, cell: int, move: int) -> int:
     """Return the cell in which a move of robot k ends: where it leads, or the same cell."""
     target: int = problem.next_cell[cell][move]
-    succeeds = drawn(draws, MOTION, k, step, 0) < problem.move_success
+    succeeds = draw(keys[ENVIRONMENT][k], step, MOTION) < problem.move_success
     return target if succeeds else cell
 
 
 @inlined
-def perceive(problem: Problem, draws: Any, k: int, step: int, cells: Any) -> int:
+def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     """Return the peers that robot k perceives by COORDINATE, the sum of 2^j; 0: it fails."""
     team = len(cells)
+    chance = draw(keys[ENVIRONMENT][k], step, PERCEPT)
     if team == 2:
-        if succeeds(
-            percept_draw(draws, k, step),
-            probability(problem.sight, cells[k], cells[1 - k]),
-        ):
+        if succeeds(chance, probability(problem.sight, cells[k], cells[1 - k])):
             return 2 - k
         return 0
     first = 0
     end = team
     if not problem.all_peers and team > 1:
-        which = drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0
-        first = drawn_peer(k, team, which)
+        first = drawn_peer(k, team, draw(keys[ROBOT][k], step, PEER))
         end = first + 1
-    draw = percept_draw(draws, k, step)
     seen = 0
     for j in range(first, end):
         if j != k:
-            if not succeeds(draw, probability(problem.sight, cells[k], cells[j])):
+            if not succeeds(chance, probability(problem.sight, cells[k], cells[j])):
                 return 0
             seen |= 1 << j
     return seen

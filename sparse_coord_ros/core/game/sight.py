@@ -215,10 +215,3 @@ def probabilities_between(sight: Sight, cells: np.ndarray) -> np.ndarray:
             seen = is_in_sight(free, sight.columns, places[x], places[z])
             found[x, z] = found[z, x] = seen
     return found
-
-
-def is_drawn(sight: Sight) -> bool:
-    """Return whether percepts need draws: some probability lies between 0 and 1."""
-    if sight.kind == CONSTANT:
-        return 0.0 < sight.constant < 1.0
-    return bool(((sight.table > 0.0) & (sight.table < 1.0)).any())

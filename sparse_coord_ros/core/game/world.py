@@ -8,7 +8,7 @@ The world simulator node, the simulation without ROS and the evaluation all step
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sparse_coord_ros.core.game.draws import PlainDraws
+from sparse_coord_ros.core.game.draws import LEARNING, keys_of
 from sparse_coord_ros.core.game.interactions import (
     interacting,
     miscoordinate,
@@ -27,7 +27,6 @@ from sparse_coord_ros.core.game.rules import (
 )
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities
-from sparse_coord_ros.core.game.streams import LEARNING
 
 FIRST_STEP = 1
 """The first time step; 0 is left for requests of people, who do not know the step."""
@@ -157,7 +156,7 @@ class World:
         self.transitions = 0
         self.miscoordinations = 0
         self._problem = problem_of(scenario, plain=True, percepts=False)
-        self._draws = PlainDraws(scenario, seed, phase)
+        self._keys = keys_of(seed, phase, len(scenario.robots)).tolist()
         self._exploring = None
         if phase == LEARNING:
             self._exploring = probabilities(scenario.starts, scenario.steps)
@@ -177,7 +176,7 @@ class World:
             return
         share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
         for k in self.agents:
-            self.cells[k] = start_of(self._problem, self._draws, k, self.step, share)
+            self.cells[k] = start_of(self._problem, self._keys, k, self.step, share)
 
     @property
     def episode_over(self) -> bool:
@@ -250,7 +249,7 @@ class World:
 
     def led(self, k: int, move: int) -> int:
         """Return the cell in which a move of agent k ends in this time step."""
-        return led(self._problem, self._draws, k, self.step, self.cells[k], move)
+        return led(self._problem, self._keys, k, self.step, self.cells[k], move)
 
     def settled(self, wanted: Sequence[int]) -> list[int]:
         """Return the cells in which agents end, from the cells that they want to enter."""

@@ -13,9 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game import streams
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import PlainDraws, drawn
+from sparse_coord_ros.core.game.draws import (
+    LEARNING,
+    PEER,
+    REPLAY,
+    ROBOT,
+    draw,
+    key_of,
+)
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.plugins import is_shipped
 from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
@@ -138,7 +144,7 @@ class Agent:
         *,
         memory: Memory | None = None,
         learning: bool = True,
-        phase: int = streams.LEARNING,
+        phase: int = LEARNING,
     ) -> None:
         self.learner = learner
         self.scenario = scenario
@@ -151,7 +157,7 @@ class Agent:
         self._schedules = schedules(
             scenario.epsilon, scenario.step_size, scenario.steps
         )
-        self._draws = PlainDraws(scenario, seed, phase)
+        self._key = key_of(seed, phase, number, ROBOT)
         self._values = [0.0] * PRIMITIVES
         self._initial = learner.mind(scenario, number)
         self.task = learner.task(scenario, number, self._schedules.step_sizes)
@@ -168,14 +174,12 @@ class Agent:
         """Choose A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
         epsilon = self.epsilon(step)
         values = self.mind.q_star[cell]
-        action = choose(
-            values, self.task.actions, epsilon, self._draws, self.number, step
-        )
+        action = choose(values, self.task.actions, epsilon, self._key, step)
         if action != COORDINATE:
             return Decision(action)
-        draw = drawn(self._draws, streams.POLICY, self.number, step, streams.PEER)
+        which = draw(self._key, step, PEER)
         return Decision(
-            action, asked_peers(self._asks_whom, self.number, self.task.robots, draw)
+            action, asked_peers(self._asks_whom, self.number, self.task.robots, which)
         )
 
     def act(
@@ -225,7 +229,7 @@ class Agent:
         seen, cells = self._percept(cell, peers, perceived)
         epsilon = self.epsilon(step)
         return choose_move(
-            self.mind, task, cell, seen, cells, epsilon, self._draws, step, self._values
+            self.mind, task, cell, seen, cells, epsilon, self._key, step, self._values
         )
 
     def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
@@ -243,9 +247,9 @@ class Agent:
         weights = self._weights
         seen, cells = self._percept(cell, decision.peers, perceived)
         partners = reward.partners if self.learner.partners else UNKNOWN_PARTNERS
-        draw = 0.0
+        replay = 0.0
         if self.learner.draws:
-            draw = drawn(self._draws, streams.REPLAY, self.number, step, 0)
+            replay = draw(self._key, step, REPLAY)
         now = Transition(
             step=step,
             cell=cell,
@@ -263,7 +267,7 @@ class Agent:
             partners=partners,
             epsilon=self.epsilon(step),
             floor=self._scheduled(self._schedules.floors, step),
-            draw=draw,
+            draw=replay,
         )
         rules.learn(self.mind, self.task, now)
 

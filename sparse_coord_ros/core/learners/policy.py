@@ -6,17 +6,15 @@ from typing import Any
 
 from sparse_coord_ros.base.compiling import inlined, inner
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import drawn
-from sparse_coord_ros.core.game.streams import (
-    BLIND,
+from sparse_coord_ros.core.game.draws import (
     BLIND_ACTION,
     BLIND_EXPLORE,
     EXPLORE,
     EXPLORED_ACTION,
     LEAVE,
-    POLICY,
-    PRIMITIVE_TIE,
+    MOVE_TIE,
     TIE,
+    draw,
 )
 from sparse_coord_ros.core.learners.rules import (
     Task,
@@ -32,18 +30,15 @@ LEAVING = 0.5
 
 
 @inlined
-def greedy_action(
-    values: Values, count: int, draws: Any, k: int, step: int, column: int
-) -> int:
+def greedy_action(values: Values, count: int, key: int, step: int, column: int) -> int:
     """Return the greedy action pi_g of the first `count`: uniform among exact maxima.
 
     Args:
         values: one row of a table.
         count: how many actions compete.
-        draws: where the draws come from.
-        k: the robot.
+        key: the key of the robot's draws.
         step: the time step.
-        column: the column of POLICY that decides between ties.
+        column: the column of the draw that decides between ties.
     """
     best = greatest(values, count)
     ties = 0
@@ -55,7 +50,7 @@ def greedy_action(
     # nearly always: without a branch for each value the processor waits less
     if ties == 1:
         return last
-    return tied(values, best, count, int(drawn(draws, POLICY, k, step, column) * ties))
+    return tied(values, best, count, int(draw(key, step, column) * ties))
 
 
 @inner
@@ -70,14 +65,12 @@ def tied(values: Values, best: float, count: int, number: int) -> int:
 
 
 @inlined
-def choose(
-    values: Values, count: int, epsilon: float, draws: Any, k: int, step: int
-) -> int:
+def choose(values: Values, count: int, epsilon: float, key: int, step: int) -> int:
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
-    if epsilon > 0.0 and drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
-        return int(drawn(draws, POLICY, k, step, EXPLORED_ACTION) * count)
+    if epsilon > 0.0 and draw(key, step, EXPLORE) < epsilon:
+        return int(draw(key, step, EXPLORED_ACTION) * count)
     # NaN is never chosen
-    return greedy_action(values, len(ACTIONS), draws, k, step, TIE)
+    return greedy_action(values, len(ACTIONS), key, step, TIE)
 
 
 @inlined
@@ -88,7 +81,7 @@ def choose_move(
     seen: int,
     cells: Any,
     epsilon: float,
-    draws: Any,
+    key: int,
     step: int,
     values: Any,
 ) -> int:
@@ -101,19 +94,18 @@ def choose_move(
         seen: the peers that it perceives, the sum of 2^j; 0: the percept failed.
         cells: the cells of all robots.
         epsilon: probability of exploring.
-        draws: where the draws come from.
+        key: the key of the robot's draws.
         step: the time step t.
         values: space for a row [move].
     """
-    k = task.number
     if epsilon > 0.0 and explores(mind, task, seen):
-        if drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
-            return int(drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
+        if draw(key, step, BLIND_EXPLORE) < epsilon:
+            return int(draw(key, step, BLIND_ACTION) * PRIMITIVES)
     asking_values(mind, task, cell, seen, cells, values)
-    move = greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+    move = greedy_action(values, PRIMITIVES, key, step, MOVE_TIE)
     if task.leaves:
         out = way_out(mind, task, step, cell, seen, cells, values, move)
-        if out != move and drawn(draws, LEAVE, k, step, 0) < LEAVING:
+        if out != move and draw(key, step, LEAVE) < LEAVING:
             return out
     return move
 

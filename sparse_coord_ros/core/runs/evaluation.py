@@ -15,10 +15,10 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.game.streams import EVALUATION
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.learner import Learner

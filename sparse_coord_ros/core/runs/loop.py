@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.compiling import compiled_as, inlined, inner, jit
 from sparse_coord_ros.core.game.actions import COORDINATE
-from sparse_coord_ros.core.game.draws import drawn
+from sparse_coord_ros.core.game.draws import REPLAY, ROBOT, draw
 from sparse_coord_ros.core.game.interactions import (
     interacting,
     miscoordinate,
@@ -31,7 +31,6 @@ from sparse_coord_ros.core.game.rules import (
     perceive,
     start_of,
 )
-from sparse_coord_ros.core.game.streams import REPLAY
 from sparse_coord_ros.core.learners.mind import mind_of
 from sparse_coord_ros.core.learners.policy import choose, choose_move, tabulate
 from sparse_coord_ros.core.learners.rules import (
@@ -154,14 +153,14 @@ class State(NamedTuple):
         rule: the game, and how the team learns.
         game: the joint state, changed.
         choice: the robots' choices, changed.
-        draws: where the draws come from.
+        keys: the keys of the robots' draws [role][k], from `keys_of`.
         stop: its one entry is set where the result is not wanted any more.
     """
 
     rule: Rule
     game: GameState
     choice: Choices
-    draws: Any
+    keys: Any
     stop: Any
 
 
@@ -206,7 +205,7 @@ def begin_row(record: Record, step: int) -> None:
 @inlined
 def begin(state: State, minds: Any, step: int) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
-    rule, game, choice, draws, _ = state
+    rule, game, choice, keys, _ = state
     clock = game.clock
     exploring = rule.exploring[min(step, len(rule.exploring) - 1)]
     for k in range(len(game.cells)):
@@ -215,7 +214,7 @@ def begin(state: State, minds: Any, step: int) -> None:
         game.arrived[k] = 1
     for k in rule.members:
         game.arrived[k] = 0
-        game.cells[k] = start_of(rule.problem, draws, k, step, exploring)
+        game.cells[k] = start_of(rule.problem, keys, k, step, exploring)
         begin_episode(mind_of(minds, k), task_of(rule, k))
     clock[EPISODE_START] = step
     clock[PLACED] = 1
@@ -224,7 +223,7 @@ def begin(state: State, minds: Any, step: int) -> None:
 @inlined
 def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
-    rule, game, choice, draws, _ = state
+    rule, game, choice, keys, _ = state
     cells = game.cells
     for k in rule.members:
         cell = int(cells[k])
@@ -232,14 +231,15 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
         if game.arrived[k]:
             continue
         mind = mind_of(minds, k)
-        action = choose(mind.q_star[cell], rule.actions, epsilon, draws, k, step)
+        key = keys[ROBOT][k]
+        action = choose(mind.q_star[cell], rule.actions, epsilon, key, step)
         move = action
         seen = 0
         if action == COORDINATE:
-            seen = perceive(rule.problem, draws, k, step, cells)
+            seen = perceive(rule.problem, keys, k, step, cells)
             task = task_of(rule, k)
             move = choose_move(
-                mind, task, cell, seen, cells, epsilon, draws, step, choice.values
+                mind, task, cell, seen, cells, epsilon, key, step, choice.values
             )
         choice.actions[k] = action
         choice.moves[k] = move
@@ -249,13 +249,13 @@ def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
 @inlined
 def move_all(state: State, step: int) -> bool:
     """Move every robot that acts; return whether the step is a miscoordination."""
-    rule, game, choice, draws, _ = state
+    rule, game, choice, keys, _ = state
     problem = rule.problem
     inter = problem.interactions
     cells = game.cells
     for k in rule.members:
         if not game.arrived[k]:
-            cells[k] = led(problem, draws, k, step, cells[k], choice.moves[k])
+            cells[k] = led(problem, keys, k, step, cells[k], choice.moves[k])
         choice.wanted[k] = cells[k]
     settle(inter, choice.cells, cells, rule.members)
     return miscoordinate(inter, choice.cells, cells, rule.members)
@@ -278,7 +278,7 @@ def learn_from(
     floor: float,
 ) -> None:
     """Let robot k learn from the step that was made; it felt an r^C."""
-    rule, game, choice, draws, _ = state
+    rule, game, choice, keys, _ = state
     problem = rule.problem
     weights = rule.weights
     cells = game.cells
@@ -294,9 +294,9 @@ def learn_from(
         partners = interacting(
             problem.interactions, choice.cells, choice.wanted, cells, rule.members, k
         )
-    draw = 0.0
+    replay = 0.0
     if wants_draw(mind):
-        draw = drawn(draws, REPLAY, k, step, 0)
+        replay = draw(keys[ROBOT][k], step, REPLAY)
     now = Transition(
         step,
         int(choice.cells[k]),
@@ -314,7 +314,7 @@ def learn_from(
         partners,
         epsilon,
         floor,
-        draw,
+        replay,
     )
     learn(mind, task_of(rule, k), now)
 

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game import streams
 from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw
 from sparse_coord_ros.core.game.interactions import miscoordinate
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -108,7 +108,7 @@ class LearningRun:
         self.minds = team.initial(state.memories)
         self.done = state.positions[0].transitions
         self._states = [
-            team.state(rule, seed, streams.LEARNING, position)
+            team.state(rule, seed, LEARNING, position)
             for rule, position in zip(team.rules, state.positions, strict=True)
         ]
         self._records: list[loop.Record | None] = [None] * groups
@@ -175,8 +175,9 @@ class LearningRun:
         asked = int(choice.actions[k]) == COORDINATE
         peer = -1
         if asked:
-            draw = streams.Stream(self.seed, k, streams.POLICY).at(step)[streams.PEER]
-            peers = asked_peers(self.scenario.peers, k, len(self.scenario.robots), draw)
+            which = draw(state.keys[ROBOT][k], step, PEER)
+            robots = len(self.scenario.robots)
+            peers = asked_peers(self.scenario.peers, k, robots, which)
             peer = peers[0] if len(peers) == 1 else -1
         return Action(int(choice.moves[k]), asked, peer, int(choice.seen[k]) != 0)
 

@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.game import streams
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
-from sparse_coord_ros.core.game.draws import PlainDraws, compiled_draws
-from sparse_coord_ros.core.game.percepts import percepts_can_fail
+from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
 from sparse_coord_ros.core.game.rules import EPISODE_GAP, INDEX, problem_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
@@ -150,30 +148,13 @@ class Team:
         self, rule: loop.Rule, seed: int, phase: int, position: Position
     ) -> loop.State:
         """Return a game in progress, at a position."""
+        keys: Any = keys_of(seed, phase, len(self.scenario.robots))
         if self.compiled:
-            used = self._looked_at(rule, phase)
-            draws: Any = compiled_draws(
-                self.scenario, seed, phase, used, rule.members, position.step
-            )
             game, choice = _game_in_arrays(position)
         else:
-            draws = PlainDraws(self.scenario, seed, phase)
+            keys = keys.tolist()
             game, choice = _game_in_lists(position)
-        return loop.State(rule, game, choice, draws, self._stop)
-
-    def _looked_at(self, rule: loop.Rule, phase: int) -> dict[int, bool]:
-        """Return whether the draws of each role are used."""
-        learning = phase == streams.LEARNING
-        can_fail = self.learner.asks and percepts_can_fail(self.scenario)
-        return {
-            streams.POLICY: True,
-            streams.MOTION: True,
-            streams.PERCEPT: can_fail,
-            streams.START: bool(np.any(rule.exploring)),
-            streams.REPLAY: learning and self.learner.draws,
-            streams.BLIND: learning and self.learner.asks,
-            streams.LEAVE: rule.leaves,
-        }
+        return loop.State(rule, game, choice, keys, self._stop)
 
     def play(
         self,
@@ -198,7 +179,7 @@ class Team:
         team = len(scenario.robots)
         cells = len(scenario.map.cells)
         position = before_episode(0, FIRST_STEP + EPISODE_GAP, team)
-        state = self.state(self._trying, seed, streams.EVALUATION, position)
+        state = self.state(self._trying, seed, EVALUATION, position)
         results = np.zeros((trials, team, 4))
         asked, stays = np.zeros((2, team, cells), dtype=np.int64)
         filled: Any = (results, asked, stays)

@@ -13,16 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game.streams import bit_generator
 from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
 from sparse_coord_ros.lab.driving.steering import STOP, Command
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals
-
-BODIES = 2
-"""The phase of the bodies' random draws. `core.game.streams` has the other phases."""
-
-WHEELS, SENSORS = range(2)
-"""Roles of a body's draws."""
 
 TRACK = 1.6
 """Metres between the wheels, in radii of the body."""
@@ -90,8 +83,7 @@ class Body:
     ) -> None:
         self._metric_map = metric_map
         self._noise = noise
-        draws = (bit_generator(seed, robot, role, BODIES) for role in (WHEELS, SENSORS))
-        self._wheels, self._sensors = map(np.random.Generator, draws)
+        self._wheels, self._sensors = np.random.default_rng([seed, robot]).spawn(2)
         self._bias = 1.0 + BIAS * noise.wheels * self._wheels.standard_normal(2)
         self._track = TRACK * metric_map.radius
         self._against = False

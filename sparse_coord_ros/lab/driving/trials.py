@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.settings import SettingTable, tables_from_yaml
-from sparse_coord_ros.core.game.streams import EVALUATION
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import greedy_team
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw, key_of
 from sparse_coord_ros.core.game.perception import asked_peers
-from sparse_coord_ros.core.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import Memory
@@ -113,9 +113,9 @@ def _learned(log: RunLog, k: int, rows: np.ndarray) -> np.ndarray:
 def _peers_to_ask(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
     """Return the peers that a robot asks if it chooses COORDINATE, shape (n, number of them)."""
     scenario = log.run.scenario
-    draws = Stream(log.run.seed, k, POLICY)
+    key = key_of(log.run.seed, LEARNING, k, ROBOT)
     found = [
-        asked_peers(scenario.peers, k, len(log.names), draws.at(at)[PEER])
+        asked_peers(scenario.peers, k, len(log.names), draw(key, at, PEER))
         for at in step.tolist()
     ]
     count = len(asked_peers(scenario.peers, k, len(log.names), 0.0))
