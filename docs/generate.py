@@ -42,7 +42,7 @@ BELOW = {
             "core.game.world",
         ],
     ),
-    "measures": ("Measures", ["core.runs.evaluation", "core.runs.trials"]),
+    "measures": ("Measures", ["core.runs.evaluation", "core.runs.measures"]),
     "logs": ("Logs and bags", ["log.runlog", "log.bags"]),
 }
 """Pages of modules below the names of `sparse_coord_ros`, which they leave out."""
@@ -80,17 +80,13 @@ def _results():
     frames = [
         pd.read_csv(HERE / "tables" / f"{name}.csv") for name in ("figure4", "crowd")
     ]
-    found = pd.concat(frames).drop_duplicates("id")
-    plain = found.id.str.fullmatch(r"[^/]+/[^/]+/penalty=[^,]+(,steps=\d+)?")
+    found = pd.concat(frames).drop_duplicates("condition")
+    plain = found.condition.str.fullmatch(r"[^/]+/[^/]+/penalty=[^,]+(,steps=\d+)?")
     return found[plain & found.penalty.isin(PENALTIES)]
 
 
 def _measures(row):
-    best = "" if pd.isna(row["exact_returns_mean"]) else "exact_"
-    pairs = (
-        [row[f"{best}{n}_{of}"] for of in ("mean", "standard_error")] for n in MEASURES
-    )
-    return ["{:.2f} ({:.2f})".format(*pair) for pair in pairs]
+    return [f"{row[name]:.2f} ({row[f'{name}_error']:.2f})" for name in MEASURES]
 
 
 MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks")

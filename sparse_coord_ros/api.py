@@ -6,17 +6,14 @@ A scenario may be given as a `Scenario`, as the name of a shipped one, or as the
 file; a learner as a `Learner`, its class, its name, or `module:Class`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from sparse_coord_ros.base.dataframes import data_frame, shown_as
 from sparse_coord_ros.base.errors import (
     SparseCoordError,
     TablesError,
@@ -39,6 +36,7 @@ from sparse_coord_ros.core.game.scenario import (
     scenario_names,
 )
 from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.cq import CQ
@@ -51,13 +49,12 @@ from sparse_coord_ros.core.learners.registry import (
 )
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import evaluation, run_config
-from sparse_coord_ros.core.runs.evaluation import Evaluation
 from sparse_coord_ros.core.runs.history import History, load_history
+from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
-from sparse_coord_ros.core.solve.exact import ExactEvaluation
 from sparse_coord_ros.core.solve.optimum import joint_optimum as optimum
 from sparse_coord_ros.core.solve.reference import (
     shortest_path_reference as shortest_paths,
@@ -67,20 +64,16 @@ from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     shipped_asking_team,
 )
-from sparse_coord_ros.studies.benchmark import Standings, benchmark
+from sparse_coord_ros.studies.benchmark import benchmark
 from sparse_coord_ros.studies.catalogue import experiment_names
-from sparse_coord_ros.studies.condition_result import SUMS
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.runner import (
-    ExperimentResults,
-    Progress,
-    no_progress,
-    run_experiment,
-)
+from sparse_coord_ros.studies.frames import ResultsLike, listed, to_pandas
+from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment
 from sparse_coord_ros.studies.store import RUNS, TRIALS_OR_NONE, Plan
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from matplotlib.figure import Figure
 
     from sparse_coord_ros.core.vector_env import VectorGame
     from sparse_coord_ros.log.runlog import RunLog, Verification
@@ -88,9 +81,9 @@ if TYPE_CHECKING:
 # Scenarios
 __all__ = ["load_scenario", "scenario_names", "Scenario"]
 # Learning
-__all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
+__all__ += ["train", "train_many", "Training", "Tables", "History"]
 # What it is worth
-__all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
+__all__ += ["evaluate", "evaluate_exact", "Measures", "by_run"]
 __all__ += ["optimum", "shortest_paths"]
 __all__ += ["find_asking_team", "shipped_asking_team", "AskingTeam", "RobotPolicy"]
 # Environments for other people's learners
@@ -98,85 +91,13 @@ __all__ += ["vector_env", "VectorGame"]
 # What is on disk
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
-__all__ += ["sweep", "experiment_names", "run_experiment", "ExperimentResults"]
-__all__ += ["benchmark", "Standings"]
+__all__ += ["sweep", "experiment_names", "run_experiment", "ConditionResult"]
+__all__ += ["to_pandas", "plot", "benchmark"]
 # The user's own learners and perception models
 __all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
-__all__ += ["register_learner", "register_perception", "perception_model"]
+__all__ += ["rules", "register_learner", "register_perception", "perception_model"]
 # Errors
 __all__ += ["SparseCoordError"]
-
-
-@dataclass(frozen=True)
-class Runs:
-    """Independent learning runs of one learner in one scenario, in the order of their seeds.
-
-    Each is a `Training`, with its greedy trials in `trials`.
-
-    Attributes:
-        scenario: the problem and its protocol.
-        learner: the learner's name in files.
-        runs: the runs.
-    """
-
-    scenario: Scenario
-    learner: str
-    runs: tuple[Training, ...]
-
-    def __getitem__(self, place: int) -> Training:
-        """Return a run."""
-        return self.runs[place]
-
-    def __iter__(self) -> Iterator[Training]:
-        """Iterate over the runs."""
-        return iter(self.runs)
-
-    def __len__(self) -> int:
-        """Return the number of runs."""
-        return len(self.runs)
-
-    def __repr__(self) -> str:
-        """Return a description with one line for each run."""
-        return shown_as(self._head, self._measures)
-
-    def _repr_html_(self) -> str:
-        """Return the same for a notebook, and the pictures of the first run."""
-        return shown_as(self._head, self._measures, markup=True) + _in_html(
-            self.runs[0]
-        )
-
-    @property
-    def _head(self) -> str:
-        return f"<Runs {self.scenario.label}; {len(self)} of {self.learner}>"
-
-    def to_pandas(self) -> "pd.DataFrame":
-        """Return a data frame: one row a run.
-
-        Its columns: `scenario`, `learner`, every setting and `seed`; `returns` (total discounted
-        reward), `time_to_goal` (steps) and `asks`, means over the trials and robots;
-        `miscoordinations`, mean of a trial; `arrived`, share of the trials in which every robot
-        arrived.
-
-        Raises:
-            RunError: pandas is not installed.
-        """
-        said = {"scenario": self.scenario.name, "learner": self.learner}
-        every = {**said, **self.scenario.plain_settings}
-        return data_frame(
-            {**{n: [v] * len(self) for n, v in every.items()}, **self._measures}
-        )
-
-    @property
-    def _measures(self) -> dict[str, Sequence[object]]:
-        columns: dict[str, Sequence[object]] = {"seed": [run.seed for run in self.runs]}
-        played = [run.trials for run in self.runs if run.trials is not None]
-        if played:
-            for name in SUMS:
-                columns[name] = [
-                    float(np.mean(getattr(trials, name))) for trials in played
-                ]
-            columns["arrived"] = [float(t.arrived.all(axis=1).mean()) for t in played]
-        return columns
 
 
 @dataclass(frozen=True)
@@ -284,7 +205,7 @@ def train_many(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Callable[[int, int], None] = lambda done, runs: None,
-) -> Runs:
+) -> list[Training]:
     """Learn several times, each time with another seed, on all cores.
 
     Run i is the same, bit for bit, as `train` with seed `seed + i`. Plain Python computes in
@@ -303,6 +224,10 @@ def train_many(
         scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
             `LocalCluster`; None: this machine.
         progress: called with the runs done and to be done.
+
+    Returns:
+        The runs, in the order of their seeds. `by_run(run.measures for run in runs)` are the
+        measures of all teams.
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
@@ -329,7 +254,7 @@ def train_many(
         ):
             done.append(run)
             progress(len(done), plan.runs)
-    return Runs(problem, rule.label, tuple(done))
+    return done
 
 
 def evaluate(
@@ -339,7 +264,7 @@ def evaluate(
     learner: LearnerLike | None = None,
     trials: int = 1000,
     seed: int = 0,
-) -> Evaluation:
+) -> Measures:
     """Play greedy Monte-Carlo trials from the scenario's starts (paper, Section 4).
 
     Args:
@@ -351,8 +276,8 @@ def evaluate(
         seed: seed of the trials' draws, independent of the draws of learning.
 
     Returns:
-        Mean, spread and standard error of the total discounted reward, of the steps to the goal,
-        of the miscoordinations and of the asks.
+        The total discounted reward, steps to the goal, miscoordinations and asks of each trial;
+        `mean`, `error` and `spread` sum them up.
 
     Raises:
         TablesError: the tables do not fit the scenario.
@@ -360,8 +285,7 @@ def evaluate(
     problem, tables, who = _learned(learned, scenario, learner)
     played = evaluation.TRIALS.parse(trials)
     seed = RUN_SETTINGS["seed"].parse(seed)
-    found = evaluation.play(problem, tables, trials=played, seed=seed, learner=who)
-    return evaluation.summary(found)
+    return evaluation.play(problem, tables, trials=played, seed=seed, learner=who)
 
 
 def evaluate_exact(
@@ -369,7 +293,7 @@ def evaluate_exact(
     *,
     scenario: ScenarioLike | None = None,
     learner: LearnerLike | None = None,
-) -> ExactEvaluation:
+) -> Measures:
     """Compute what `evaluate` estimates, for one or two robots: from the joint Markov chain.
 
     Args:
@@ -379,7 +303,7 @@ def evaluate_exact(
         learner: whose greedy policy acts; the one that learned where None.
 
     Returns:
-        Mean and spread of the same measures; their standard errors are 0.
+        The same measures, of the expected trial; their standard errors are 0.
 
     Raises:
         TablesError: the tables do not fit the scenario.
@@ -491,12 +415,14 @@ def sweep(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
-) -> ExperimentResults:
+) -> dict[str, ConditionResult]:
     """Learn with every combination of some settings, a condition each; on all cores.
 
-    `to_pandas(by_run=True)` is one tidy data frame, `plot()` a figure::
+    ::
 
         swept = sc.sweep("env1", {"penalty": [-1, -10, -100], "learner": ["coop", "factored"]})
+        frame = sc.to_pandas(swept, by_run=True)
+        figure = sc.plot(swept)
 
     With `out` each finished condition is saved, and repeating the call continues the work.
 
@@ -512,6 +438,9 @@ def sweep(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
+
+    Returns:
+        The result of each condition, by its id.
 
     Raises:
         ScenarioError, SettingError: no such scenario, setting or learner, or a bad value.
@@ -531,7 +460,7 @@ def sweep(
         settings = dict(zip(list(values)[1:], rest, strict=True))
         allow_named(settings.get("perception"))
         conditions.append(make_condition(problem, chosen_learner(who).label, settings))
-    found = run_experiment(
+    return run_experiment(
         conditions,
         out=out,
         runs=runs,
@@ -542,7 +471,28 @@ def sweep(
         scheduler=scheduler,
         progress=progress,
     )
-    return replace(found, swept=tuple(name for name in values if name != "learner"))
+
+
+def plot(
+    results: ResultsLike, x: str = "", measures: Sequence[str] = ("returns",)
+) -> "Figure":
+    """Draw learners against a setting, beside their reference values.
+
+    There is a panel for each combination of the other settings. Bars are standard errors of
+    the means of the learning runs.
+
+    Args:
+        results: of `sweep` or `run_experiment`.
+        x: the setting; empty: the first that has several values.
+        measures: of `returns`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
+            robots alone) and `variance` (of the return): a line of panels each.
+
+    Raises:
+        SettingError: `x` has only one value, or the measure is unknown.
+    """
+    from sparse_coord_ros.studies.figures import swept_figure
+
+    return swept_figure(listed(results), x, measures)
 
 
 def _learned(

@@ -18,7 +18,6 @@ import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.core.runs.evaluation import fails
 
 KINDS = ("door", "doors", "corridor", "rooms", "loop", "crossing")
 LEAST_GAP = 3.0
@@ -99,17 +98,11 @@ def stood(interactions: str, learner, options) -> dict[str, object]:
         found = sc.train_many(
             scenario, learner, runs=options.runs, trials=100, seed=options.seed
         )
-        returns = []
-        for run in found:
-            exact = run.exact
-            returns.append(
-                np.mean(run.trials.returns if exact is None else exact.returns)
-            )
-            arrived = run.trials.arrived.all(axis=1).mean()
-            failed += fails(arrived if exact is None else exact.arrived)
-            asks.append(run.trials.asks.mean())
+        measures = sc.by_run(run.measures for run in found)
+        asks += [run.trials.mean("asks") for run in found]
+        failed += measures.failed
         teams += len(found)
-        gained.append(np.mean(returns) - paths)
+        gained.append(measures.mean("returns") - paths)
         gaps.append(best - paths)
     name = learner if isinstance(learner, str) else learner.__name__
     row = {"interactions": interactions, "learner": name, "buildings": len(gaps)}

@@ -34,7 +34,12 @@ from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
-from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of, meet
+from sparse_coord_ros.core.game.interactions import (
+    NOWHERE,
+    Interactions,
+    interactions_of,
+    miscoordinates,
+)
 from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, VERSIONS, split_of
 from sparse_coord_ros.core.solve.shipped import game_digest
 
@@ -93,8 +98,8 @@ class Routed(NamedTuple):
 
     Attributes:
         lead: where a successful move leads; (cells, moves).
-        places: the meeting place of each cell, or `NOWHERE`; (cells,).
-        claims: places for one robot at a time, in the form of `places`.
+        interactions: those of the scenario.
+        claims: places for one robot at a time, in the form of their `places`.
         starts, goals: of each robot; (robots,).
         after: value of a robot alone on its route at the end of a step; (robots, cells).
         order: as of `TeamPlan`; (robots,).
@@ -105,7 +110,7 @@ class Routed(NamedTuple):
     """
 
     lead: np.ndarray
-    places: np.ndarray
+    interactions: Interactions
     claims: np.ndarray
     starts: np.ndarray
     goals: np.ndarray
@@ -155,11 +160,11 @@ def returns_of(scenario, ways: TeamPlan, draws: np.ndarray) -> np.ndarray:
         draws: random numbers in [0, 1); (trials, steps, robots).
     """
     grid = scenario.map
-    places = interactions_of(scenario).places
+    inter = interactions_of(scenario)
     routed = Routed(
         lead=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
-        places=places,
-        claims=passages(scenario) if ways.one_at_a_time else places,
+        interactions=inter,
+        claims=passages(scenario) if ways.one_at_a_time else inter.places,
         starts=np.array([robot.start for robot in scenario.robots]),
         goals=np.array([robot.goal for robot in scenario.robots]),
         after=alone(scenario, ways.avoided),
@@ -239,7 +244,7 @@ def in_turn(routed: Routed, cells: np.ndarray, sequence: np.ndarray) -> None:
     count = 0
     for inside in (True, False):
         for k in routed.order:
-            if (routed.places[cells[k]] != NOWHERE) == inside:
+            if (routed.interactions.places[cells[k]] != NOWHERE) == inside:
                 sequence[count] = k
                 count += 1
 
@@ -311,7 +316,7 @@ def play(
                         total += factor * routed.prize
             if not under_way:
                 break
-            if meet(routed.places, cells, routed.order):
+            if miscoordinates(routed.interactions, cells, cells):
                 total += factor * routed.toll
             factor *= routed.discount
         returns[trial] = total / team

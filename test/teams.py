@@ -4,6 +4,7 @@
 
 import sys
 from contextlib import contextmanager
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,9 @@ from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.agent import Agent, Choice
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.mind import memory_of
+from sparse_coord_ros.core.learners.mind import memory_before
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.core.learners.rules import expected, reward_of
+from sparse_coord_ros.core.learners.rules import reward_of
 from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.history import HistoryRecorder, concatenated
 from sparse_coord_ros.core.runs.run import LearningRun
@@ -78,24 +79,36 @@ def whole(scenario, learner, seed):
 class Traces(Coop):
     """Algorithm 1 whose Q* learns by eligibility traces, with a memory of their own."""
 
-    memory = {"trace": lambda scenario, robot: np.zeros((len(scenario.map.cells), 5))}
+    class Mind(NamedTuple):
+        """As of Algorithm 1, with the trace of each entry of Q* [k, x, action]."""
+
+        q_star: Any
+        updates: Any
+        q_coord: Any
+        trace: Any
 
     @staticmethod
-    def begin_episode(mind, task):
-        for cell in range(task.cells):
-            for action in range(5):
-                mind.trace[cell][action] = 0.0
+    def initial(scenario, robot):
+        tables = Coop.initial(scenario, robot)
+        return Traces.Mind(*tables, trace=np.zeros(tables.q_star.shape))
 
     @staticmethod
-    def learn(mind, task, now):
-        error = reward_of(now) + task.discount * expected(mind, task, now)
-        error -= mind.q_star[now.cell][now.action]
-        mind.trace[now.cell][now.action] = 1.0
-        mind.updates[now.cell][now.action] += 1
+    def begin_episode(mind, task, k):
+        mind.trace[k] = 0.0
+
+    @staticmethod
+    def learn(mind, task, k, now, after):
+        x = now.cell
+        error = reward_of(task, now) + task.discount * after
+        error -= mind.q_star[k, x, now.action]
+        mind.trace[k, x, now.action] = 1.0
+        mind.updates[k, x, now.action] += 1
         for cell in range(task.cells):
             for action in range(5):
-                mind.q_star[cell][action] += 0.1 * error * mind.trace[cell][action]
-                mind.trace[cell][action] *= 0.8
+                mind.q_star[k, cell, action] += (
+                    0.1 * error * mind.trace[k, cell, action]
+                )
+                mind.trace[k, cell, action] *= 0.8
 
 
 def plain_run(scenario, learner, seed, state=None):
@@ -119,8 +132,9 @@ def by_agents(scenario, learner, seed):
     agents = [Agent(learner, scenario, k, seed) for k in range(len(scenario.robots))]
     percepts = Percepts(scenario, seed)
     histories = []
-    for members in groups_of(scenario, learner):
-        world = World(scenario, seed, agents=members)
+    for members, _ in groups_of(scenario, learner):
+        world = World(scenario, seed)
+        leave_out(world, members)
         recorder = HistoryRecorder(len(agents), members=members)
         for agent in agents:
             if agent.number in members:
@@ -139,10 +153,19 @@ def by_agents(scenario, learner, seed):
             recorder.add(world.episode, step, actions, outcome)
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()
+                leave_out(world, members)
                 for k in members:
                     agents[k].begin_episode()
         histories.append(recorder.history())
     return [agent.memory() for agent in agents], concatenated(histories)
+
+
+def leave_out(world, members):
+    """Let all other robots have arrived."""
+    for k, robot in enumerate(world.scenario.robots):
+        if k not in members:
+            world.cells[k] = robot.goal
+            world.arrived[k] = True
 
 
 def chosen(agent, world, percepts):
@@ -214,7 +237,7 @@ def tables_from_values(scenario, k, q_star, q_coord=None):
     """
     asks = not np.isnan(q_star[:, COORDINATE]).any()
     learner = learner_of("coop" if asks else "noncoop")
-    begun = memory_of(learner.mind(scenario, k))
+    begun = memory_before(learner, scenario, k)
     memory = begun | {"q_star": q_star}
     if asks and q_coord is not None:
         rows = q_coord.reshape(-1, PRIMITIVES)

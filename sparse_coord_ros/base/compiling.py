@@ -23,8 +23,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-import numpy as np
-
 from sparse_coord_ros.base.errors import (
     EXIT_INTERRUPTED,
     SparseCoordError,
@@ -137,112 +135,18 @@ def _end_without(future: Future[Any]) -> None:
 
 # What compiled loops may call.
 
-_inner: dict[Callable[..., Any], bool] = {}
-_overloads: dict[Callable[..., Any], Callable[..., Any]] = {}
+_inner: list[Callable[..., Any]] = []
+
+OPTIONS = {"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True}
+"""Options of numba for loops and for what they call. Without `_nrt` numba counts no references to
+arrays, which loops neither make nor keep (27 ns instead of 250 for a step of env1); `forceinline`
+compiles a function into its caller, which halves the time of a step; nobody needs C wrappers."""
 
 
 def inner(function: F) -> F:
     """Let compiled loops call a function; for other callers it stays plain Python."""
-    _inner[function] = False
+    _inner.append(function)
     return function
-
-
-def inlined(function: F) -> F:
-    """As `inner`, compiled into its caller: if passing many arrays takes longer than the work.
-
-    Inlining all functions would make compiling half as long again.
-    """
-    _inner[function] = True
-    return function
-
-
-def compiled_as(body: Callable[..., Any]) -> Callable[[F], F]:
-    """Decorator: compiled loops call another body with the same results instead.
-
-    For code that differs between lists and arrays.
-    """
-
-    def noted(function: F) -> F:
-        _overloads[function] = lambda *args: body
-        return function
-
-    return noted
-
-
-def made_for_types(make: Callable[..., Callable[..., Any]]) -> Callable[[F], F]:
-    """Let compiled loops call the function that `make` returns for the arguments' numba types."""
-
-    def noted(function: F) -> F:
-        _overloads[function] = make
-        return function
-
-    return noted
-
-
-def of_learner(function: F) -> F:
-    """Decorator: calls dispatch to the learner of the mind, the first argument.
-
-    The function's docstring gives its meaning. A learner's class has a static method of the same
-    name, and its minds, named tuples, name the learner (`core.learners.mind`).
-    """
-    name = function.__name__
-
-    @functools.wraps(function)
-    def chosen(mind: Any, *args: Any) -> Any:
-        return getattr(mind.learner, name)(mind, *args)
-
-    _overloads[chosen] = lambda *args: getattr(args[0].instance_class.learner, name)
-    return chosen  # type: ignore[return-value]
-
-
-def flag_of_learner(name: str) -> Callable[[Any], bool]:
-    """Return a function of a mind that returns a flag of its learner: compiled a constant."""
-
-    def flag(mind: Any) -> bool:
-        return bool(getattr(mind.learner, name))
-
-    def choose(mind: Any) -> Callable[[Any], bool]:
-        if getattr(mind.instance_class.learner, name):
-            return lambda mind: True
-        return lambda mind: False
-
-    _overloads[flag] = choose
-    return flag
-
-
-@functools.cache
-def _registered(function: Callable[..., Any]) -> None:
-    """Register a function with numba once, or a callable that registers before compiling."""
-    options = accepted("_nrt", False)
-    inline = accepted("forceinline", True)
-    extending = numba().extending
-    if function in _inner:
-        extending.register_jitable(**options, **(inline if _inner[function] else {}))(
-            function
-        )
-    else:
-        choose = _overloads[function]
-        extending.overload(function, jit_options={**options, **inline}, strict=False)(
-            choose
-        )
-
-
-@functools.cache
-def accepted(name: str, value: bool) -> dict[str, bool]:
-    """Return an option of numba that makes the loops faster, if this numba has it.
-
-    `_nrt` off removes the counting of references to arrays: the loops neither make nor keep
-    arrays, and a step of env1 takes 27 ns instead of 250. `forceinline`: see `inlined`. Neither is
-    documented.
-    """
-    options = {name: value}
-    try:
-        numba().njit(**options)(lambda values: values[0])(np.zeros(1))
-    except (
-        Exception
-    ):  # a numba without the option may raise any error: slower, the same results
-        return {}
-    return options
 
 
 def jit(
@@ -256,17 +160,17 @@ def jit(
         loops: the loops.
         rule: the learner whose functions are compiled in, or None.
     """
-    for function in (*_inner, *_overloads):
-        _registered(function)
+    compiler = numba()
+    while _inner:
+        compiler.extending.register_jitable(**OPTIONS)(_inner.pop())
     place = folder(rule)
-    config = vars(numba().config)
+    config = vars(compiler.config)
     before = config["CACHE_DIR"]
     if place is not None:
         config["CACHE_DIR"] = str(place)
-    options: dict[str, Any] = dict(accepted("_nrt", False))
-    options |= {"nogil": True, "cache": place is not None}
     try:
-        return [numba().njit(**options)(loop) for loop in loops]
+        njit = compiler.njit(**OPTIONS, nogil=True, cache=place is not None)
+        return [njit(loop) for loop in loops]
     finally:
         config["CACHE_DIR"] = before
 

@@ -3,8 +3,11 @@
 """`sparse_coord benchmark`: judge learners on fixed lists of scenarios."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.options import Option
@@ -52,7 +55,7 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     settings = SETTINGS.parse(shared.settings_of(options))
-    waits_for = first_wait(options.learners, options)
+    waits_for = first_wait(options)
     with Bar("agent-steps", waits_for, quiet=options.json) as bar:
         found = benchmark(
             options.learners,
@@ -61,11 +64,20 @@ def execute(options: argparse.Namespace) -> None:
             **computing_of(options),
             **settings,
         )
-    rows = [one.row() for one in found.standings]
+    head = ["list", "learner", "share of the gap", "failed teams"]
     shared.tell(
         options,
-        found.to_dict(),
-        shared.format_table(list(rows[0]), [list(row.values()) for row in rows]),
+        {"standings": found},
+        shared.format_table(head, [row_of(one) for one in found]),
         "share of the gap: from fixed shortest paths to the best asking team found (two robots;",
         "no upper bound), or to an upper bound (more robots); in parentheses a standard error",
     )
+
+
+def row_of(standing: Mapping[str, Any]) -> list[str]:
+    """Return the row of a standing in the table."""
+    names = [standing["list"], standing["learner"]]
+    if standing["share"] is None:
+        return [*names, "-", "-"]
+    share = f"{percent(standing['share'])} ({100 * standing['error']:.1f})"
+    return [*names, share, f"{standing['failed']} of {standing['teams']}"]

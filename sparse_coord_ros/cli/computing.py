@@ -6,17 +6,14 @@ import argparse
 import sys
 import threading
 import time
-from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import Any, Self
 
 from tqdm import tqdm
 
 from sparse_coord_ros.cli.options import Option, note
-from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, uses_numba
+from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.core.engine.cluster import JOBS
-from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.learners.registry import learner_of
 
 COMPUTING = (
     Option(
@@ -43,19 +40,10 @@ def computing_of(options: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(options, name) for name in names}
 
 
-COMPILING = "compiling the learner, once per machine, about 15 s"
-"""The reason of a first run's wait."""
-
-
-def first_wait(learners: Iterable[str | Learner], options: argparse.Namespace) -> str:
+def first_wait(options: argparse.Namespace) -> str:
     """Return the reason why a batch waits before its first steps."""
     if options.scheduler is not None:
         return "waiting for the first results of the cluster"
-    for learner in learners:
-        if uses_numba(options.engine, learner_of(learner)) and not is_prepared(
-            learner=learner
-        ):
-            return COMPILING
     return "computing the first runs"
 
 

@@ -20,9 +20,9 @@ from sparse_coord_ros.cli.options import (
 from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive
 
 EPISODES = Setting(
@@ -122,14 +122,14 @@ def execute(options: argparse.Namespace) -> None:
     tell(options, {"scenario": run.scenario.name, "seed": seed, **facts}, *lines)
 
 
-def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
+def facts_of(run: RunConfig, driven: Drive, grid: Measures, speed: float) -> dict:
     """Return the result of `drive` as plain data.
 
     The grid's prediction of an episode's seconds is its steps, each a cell's way at full speed.
     """
     straight = run.resolution / speed
     alike = {
-        "arrived": (driven.arrived.all(axis=1).sum(), grid.arrived.all(axis=1).sum()),
+        "arrived": (driven.arrived.all(axis=1).sum(), grid.arrived.sum()),
         "time_to_goal": (driven.times.mean(), grid.time_to_goal.mean()),
         "seconds": (
             driven.seconds.mean(),

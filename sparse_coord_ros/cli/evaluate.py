@@ -2,15 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord evaluate`: the value of learned tables, beside the paper and the optimum."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import RunError
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -25,13 +22,8 @@ from sparse_coord_ros.cli.options import (
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.evaluation import (
-    TRIALS,
-    Evaluation,
-    play,
-    summary,
-    with_spread,
-)
+from sparse_coord_ros.core.runs.evaluation import TRIALS, play
+from sparse_coord_ros.core.runs.measures import HEADINGS, Measures
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
@@ -40,10 +32,7 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
 )
-from sparse_coord_ros.studies.paper import PAPER_MEASURES, paper_rows
-
-if TYPE_CHECKING:
-    from sparse_coord_ros.core.solve.exact import ExactEvaluation
+from sparse_coord_ros.studies.paper import paper_rows
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -75,11 +64,11 @@ OPTIONS = (
 
 
 class Evaluated(NamedTuple):
-    """A run, its directory, and its value."""
+    """A run, its directory, and its measures."""
 
     directory: Path
     run: RunConfig
-    result: Evaluation | ExactEvaluation
+    measures: Measures
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -137,7 +126,7 @@ def evaluation_of(
     seed: int,
     *,
     exact: bool | None,
-) -> Evaluation | ExactEvaluation:
+) -> Measures:
     """Evaluate tables that fit their run; arguments as in `evaluated`."""
     how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
     from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
@@ -148,7 +137,7 @@ def evaluation_of(
         how["progress"] = bar.show
         if exact is None:
             return evaluate_best(run.scenario, tables, **how)
-        return summary(play(run.scenario, tables, **how))
+        return play(run.scenario, tables, **how)
 
 
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
@@ -175,7 +164,8 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         "learner": one.run.learner,
         "seed": one.run.seed,
         "steps": scenario.steps,
-        **one.result.to_dict(),
+        **one.measures.to_dict(),
+        "robots": one.measures.by_robot(),
         "paper": paper_row(one.run),
         "shortest_paths": shortest_path_reference(scenario),
         "optimum": optimum.value,
@@ -185,16 +175,11 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
     }
 
 
-def result_of(
-    scenario: Scenario, found: Evaluation | ExactEvaluation
-) -> dict[str, float | None]:
-    """Return what a team is worth beside robots that ignore each other and the best known."""
+def result_of(scenario: Scenario, measures: Measures) -> dict[str, Any]:
+    """Return what a team earns beside robots that ignore each other and the best known."""
     asking = shipped.shipped_asking_team(scenario)
     return {
-        "returns": found.returns.mean,
-        "asks": found.asks.mean,
-        "miscoordinations": found.miscoordinations.mean,
-        "arrived": found.all_arrived,
+        **measures.to_dict(),
         "shortest_paths": shortest_path_reference(scenario).returns,
         "best_asking_team": None if asking is None else asking.value,
         "optimum": shipped.known_optimum(scenario).value,
@@ -218,43 +203,26 @@ def result_table(found: Sequence[Evaluated]) -> str:
     Directories distinguish the runs of one learner.
     """
     scenario = found[0].run.scenario
+    optimum = shipped.known_optimum(scenario).value
+    head = [f"{scenario.name}, penalty {scenario.penalty:g}", *HEADINGS.values()]
     rows = []
     titles = [run.title for _, run, _ in found]
     papers: dict[str, dict] = {}
-    for directory, run, result in found:
+    for directory, run, measures in found:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
-        arrived = percent(result.all_arrived)
-        if isinstance(result, Evaluation):
-            arrived = f"{result.trials - result.not_arrived} of {result.trials}"
-        measures = (getattr(result, name) for name in PAPER_MEASURES)
-        rows.append(
-            [
-                f"{named}, {result.how}",
-                *map(with_spread, measures),
-                f"{result.asks.mean:.2f}",
-                arrived,
-            ]
-        )
+        rows.append([named, *measures.cells(optimum=optimum, spread=True).values()])
     for title, paper in papers.items():
         if paper:
-            pairs = (paper.get(name) for name in PAPER_MEASURES)
+            pairs = (paper.get(name) for name in HEADINGS)
             cells = [
                 "-" if pair is None else "{:.2f} ± {:.2f}".format(*pair)
                 for pair in pairs
             ]
-            rows.append([f"{title}, paper", *cells, "-", "-"])
+            rows.append([title, *cells, "paper"])
     paths = shortest_path_reference(scenario)
-    measures_of_paths = [
-        paths.measure_in_words("returns"),
-        paths.measure_in_words("time_to_goal"),
-        paths.measure_in_words("miscoordinations"),
-    ]
-    rows.append(
-        ["fixed shortest paths", *measures_of_paths, "0.00", percent(paths.all_arrived)]
-    )
+    rows.append(["fixed shortest paths", *paths.cells().values()])
     for name, value in shipped.yardsticks(scenario):
-        rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
-    head = ["return", "time to goal", "miscoordinations", "asks", "all arrived"]
-    return format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)
+        rows.append([name, f"{value:.2f}", "-", "-", "-", "-", "-"])
+    return format_table([*head, "source"], rows)

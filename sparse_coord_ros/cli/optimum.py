@@ -19,7 +19,7 @@ from sparse_coord_ros.cli.options import (
 )
 from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.evaluation import fails
+from sparse_coord_ros.core.runs.measures import fails
 from sparse_coord_ros.core.solve.asking_search import (
     RESTARTS,
     WARNING,

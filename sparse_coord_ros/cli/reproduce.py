@@ -3,10 +3,9 @@
 """`sparse_coord reproduce`: the paper's tables and figures, and its open questions."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli.computing import COMPUTING, Bar, computing_of, first_wait
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -16,8 +15,10 @@ from sparse_coord_ros.cli.options import (
     format_table,
     tell,
 )
+from sparse_coord_ros.core.runs.measures import HEADINGS
 from sparse_coord_ros.studies.catalogue import NAMES
-from sparse_coord_ros.studies.runner import ExperimentResults, run_experiment
+from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.runner import run_experiment
 from sparse_coord_ros.studies.store import RUN_TRIALS, RUNS
 from sparse_coord_ros.studies.targets import parse_targets
 
@@ -59,46 +60,28 @@ def execute(options: argparse.Namespace) -> None:
         tell(options, {"conditions": conditions}, *conditions)
         return
     by = computing_of(options)
-    learners = {one.learner for one in targets.conditions}
-    with Bar("agent-steps", first_wait(learners, options)) as bar:
-        done = run_experiment(
+    with Bar("agent-steps", first_wait(options)) as bar:
+        found = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),
             report=True,
             **by,
         )
-    tell(options, done.to_dict(), *_lines(options.out, done))
+    facts = {"conditions": [result.to_dict() for result in found.values()]}
+    lines = _lines(options.out, found, report=bool(targets.experiments))
+    tell(options, facts, *lines)
 
 
-def _lines(out: Path, done: ExperimentResults) -> Iterator[str]:
+def _lines(
+    out: Path, found: Mapping[str, ConditionResult], *, report: bool
+) -> Iterator[str]:
     rows = []
-    for name, result in done.items():
-        returns = result.measure("returns")
-        asks = result.measure("asks")
-        error = f"{returns.standard_error:.2f}" if result.runs > 1 else "-"
-        rows.append(
-            [
-                name,
-                f"{returns.mean:.2f} ± {returns.spread:.2f}",
-                error,
-                f"{result.measure('miscoordinations').mean:.2f}",
-                f"{asks.mean:.2f}",
-                percent(result.arrived),
-                f"{result.optimum:.2f}"
-                if result.optimum_exact
-                else f"<= {result.optimum:.2f}",
-            ]
-        )
+    for name, result in found.items():
+        exact = "" if result.optimum_exact else "<= "
+        cells = result.measures.cells(optimum=result.optimum)
+        rows.append([name, *cells.values(), f"{exact}{result.optimum:.2f}"])
     if rows:
-        head = [
-            "condition",
-            "return",
-            "s.e.",
-            "miscoord.",
-            "asks",
-            "all arrived",
-            "optimum",
-        ]
+        head = ["condition", *HEADINGS.values(), "source", "optimum"]
         yield format_table(head, rows)
-    if done.targets.experiments:
+    if report:
         yield f"tables: {out / 'tables'}, figures: {out / 'figures'}"

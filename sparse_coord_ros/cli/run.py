@@ -166,6 +166,6 @@ def _lines(
     if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
         tables = load_team(out, run.scenario, run.rule)
-        found = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
-        add_result(out, result_of(run.scenario, found))
-        yield last_word(run.scenario, run.rule, found).text
+        measures = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
+        add_result(out, result_of(run.scenario, measures))
+        yield last_word(run.scenario, run.rule, measures).text

@@ -5,7 +5,6 @@
 import argparse
 import os
 from contextlib import suppress
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ from sparse_coord_ros.base.errors import RunError, os_error_text
 from sparse_coord_ros.base.files import take_lock, write_whole
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import COMPILING, Bar, note_without_numba
+from sparse_coord_ros.cli.computing import Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.core.engine.batch import ENGINES, is_prepared, prepare
+from sparse_coord_ros.core.engine.batch import ENGINES, prepare
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import (
     EVERY,
@@ -30,7 +29,6 @@ from sparse_coord_ros.core.engine.training import (
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.run_config import (
     RUN_FILE,
@@ -230,9 +228,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     """Return the engine of the run; say if numba compiles first, or is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
     if engine == "numba":
-        if not is_prepared(learner=run.rule, history=True):
-            bar.doing = COMPILING
-        prepare(run.rule, engine=engine, history=True)
+        prepare(run.rule, engine=engine)
     bar.doing = "learning the first steps"
     if options.json:
         return engine
@@ -245,12 +241,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
 def _save(out: Path, done: Training) -> None:
     done.history.save(out)
     if done.evaluations:
-        parts = list(product(MEASURES, ("mean", "spread", "standard_error")))
-        names = [f"{name}_{part}".removesuffix("_mean") for name, part in parts]
-        rows: list[list[Any]] = [["steps", "trials", *names, "not_arrived"]]
-        for steps, found in done.evaluations:
-            numbers = [getattr(getattr(found, name), part) for name, part in parts]
-            rows.append([steps, found.trials, *numbers, found.not_arrived])
+        rows = [list(done.evaluations[0]), *(one.values() for one in done.evaluations)]
         text = "".join(f"{','.join(map(str, row))}\n" for row in rows)
         write_whole(out / EVALUATIONS_FILE, text)
     save_team(out, [table.memory for table in done.tables])
@@ -264,37 +255,39 @@ def _say(
     scenario = run.scenario
     trials = options.trials
     lines = []
+    last_line = []
     facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
     facts |= {"engine": done.engine, "episodes": done.history.episodes}
     expected = advice(scenario)
     facts["advice"] = expected
     if trials != 0:
         exact = None if trials is None else False
-        result = evaluation_of(
+        measures = evaluation_of(
             run, done.tables, trials or TRIALS.default, 0, exact=exact
         )
-        word = last_word(scenario, run.rule, result)
+        word = last_word(scenario, run.rule, measures)
         optimum = known_optimum(scenario)
         facts |= {
             "optimum": optimum.value,
             "optimum_exact": optimum.exact,
             "last_word": word,
         }
-        facts["evaluation"] = result.to_dict()
-        lines = [result_table([Evaluated(out, run, result)]), word.text]
+        facts["evaluation"] = measures.to_dict()
+        lines = [result_table([Evaluated(out, run, measures)])]
         if word.kind == LOST:
             lines += tips(scenario, done)
+            last_line = [word.text]
+        else:
+            lines.append(word.text)
     if expected.text not in "".join(lines):
         lines.append(expected.text)
     lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
     lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
     lines.append(f"run      {out / RUN_FILE}")
     if done.evaluations:
-        facts["evaluations"] = [
-            {"steps": n, **e.to_dict()} for n, e in done.evaluations
-        ]
+        facts["evaluations"] = done.evaluations
         lines.append(f"on the way  {out / EVALUATIONS_FILE}")
-    shared.tell(options, facts, *lines)
+    shared.tell(options, facts, *lines, *last_line)
 
 
 def tips(scenario: Scenario, done: Training) -> list[str]:

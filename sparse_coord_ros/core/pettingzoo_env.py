@@ -102,7 +102,7 @@ class SparseCoordEnv(ParallelEnv):
         self.agents: list[str] = []
         self._number = {name: k for k, name in enumerate(self.possible_agents)}
         self._phase = PHASES[phase]
-        self._problem = problem_of(scenario, plain=True, percepts=False)
+        self._problem = problem_of(scenario, percepts=False)
         cells = len(scenario.map.cells)
         team = len(scenario.robots)
         self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])

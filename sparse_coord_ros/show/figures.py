@@ -24,7 +24,7 @@ from sparse_coord_ros.core.game.actions import DIRECTIONS
 from sparse_coord_ros.show.charts import embedded
 from sparse_coord_ros.show.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.show.policy import policy_of
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
+from sparse_coord_ros.show.sources import OpenedRun
 
 LINE_WIDTH = 11.0
 """Greatest width of a line of panels, in inches."""
@@ -456,7 +456,7 @@ def _draw_scale(
 
 def _asked_by_cell(shown: OpenedRun) -> np.ndarray:
     """Return COORDINATE in a greedy episode, shape (maps, cells): a map for each robot, or one."""
-    asked: np.ndarray = shown.trials.asked / PLAYED_EPISODES
+    asked = shown.trials.asked
     return asked if len(asked) <= 2 else asked.sum(axis=0, keepdims=True)
 
 

@@ -10,7 +10,7 @@ from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.evaluation import fails
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.steps import Interacting, Question, interacting_in
@@ -205,15 +205,15 @@ class Narrator:
         return f"{name} asks {self.where(cell)}. {ended} {name} {does}."
 
 
-def failing_in_words(all_arrived: float) -> str:
+def failing_in_words(measures: Measures) -> str:
     """Return a sentence that comes before what a team learned; empty where it does not fail.
 
     Args:
-        all_arrived: share of its greedy episodes in which all robots arrive.
+        measures: the measures of the team.
     """
-    if not fails(all_arrived):
+    if not measures.failed:
         return ""
-    share = percent(all_arrived)
+    share = percent(measures.mean("arrived"))
     return f"This team fails: all robots arrive in {share} of its greedy episodes."
 
 

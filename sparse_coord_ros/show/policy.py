@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import GridMap
-from sparse_coord_ros.core.learners.policy import asks_at_times, asks_surely
+from sparse_coord_ros.core.learners.rules import asks_at_times, asks_surely
 from sparse_coord_ros.core.learners.tables import Tables
 
 

@@ -20,9 +20,9 @@ from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables, play
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_history
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.core.runs.trials import Trials
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
@@ -133,7 +133,7 @@ class OpenedRun:
         return load_history(directory)
 
     @cached_property
-    def trials(self) -> Trials:
+    def trials(self) -> Measures:
         """Greedy episodes of its tables, always the same ones; errors as in `tables`."""
         scenario = self.config.scenario
         tables = self.tables
@@ -143,7 +143,7 @@ class OpenedRun:
         )
 
     @cached_property
-    def played(self) -> Trials | None:
+    def played(self) -> Measures | None:
         """`trials`; None, after a message, if its learner's code may not be imported."""
         with leaving_out("greedy episodes", self.say):
             return self.trials

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.interactions import (
     Interactions,
     exchanged,
     interactions_of,
-    miscoordinations,
+    miscoordinates,
     stops,
     together,
 )
@@ -96,7 +96,7 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
     met = False
     if acted:
         inter = interactions_of(log.run.scenario)
-        met = bool(miscoordinations(inter, log.cells[row], log.cells[row + 1]))
+        met = miscoordinates(inter, log.cells[row], log.cells[row + 1])
     told = [PerceptEnd.said(end) for end in log.ended[row]]
     ends = [PerceptEnd.LATE if end is None else end for end in told]
     step = int(log.step[row])
@@ -179,10 +179,8 @@ def exchanges_in(
     """
     if not inter.swaps:
         return
-    known = (before != NONE) & (after != NONE)
     for k, j in combinations(range(len(before)), 2):
-        found = exchanged(inter.passages, before[k], after[k], before[j], after[j])
-        yield k, j, found & known[k] & known[j]
+        yield k, j, exchanged(inter.passages, before[k], after[k], before[j], after[j])
 
 
 def stops_in(

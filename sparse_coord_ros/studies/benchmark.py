@@ -8,22 +8,19 @@ Where percepts fail the top is that of sure percepts.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.dataframes import data_frame, shown_as
 from sparse_coord_ros.base.errors import SettingError, check_argument
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
 from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
-from sparse_coord_ros.core.runs.evaluation import fails
+from sparse_coord_ros.core.runs.measures import standard_error
 from sparse_coord_ros.core.solve.shipped import known_top
-from sparse_coord_ros.studies.condition_result import ConditionResult, standard_error
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.lists import (
     LISTS,
@@ -34,9 +31,6 @@ from sparse_coord_ros.studies.lists import (
     items_of,
 )
 from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 TEAM_RUNS = Setting(
     "runs", int, 10, "teams that learn in each scenario", low=2, high=1_000_000
@@ -57,67 +51,6 @@ RESAMPLES = 2000
 """Of a bootstrap."""
 
 
-@dataclass(frozen=True)
-class Standing:
-    """How a learner stands in a list of scenarios.
-
-    Attributes:
-        list: the list's name.
-        learner: the learner's name.
-        share: closed share of the pooled gap; None: it cannot learn every scenario of the list.
-        error: the standard error of the share: of generated buildings a bootstrap over buildings,
-            and teams in each, else that of the teams.
-        failed: teams in which some robot fails to arrive in more than one trial of a thousand.
-        teams: all teams.
-    """
-
-    list: str
-    learner: str
-    share: float | None = None
-    error: float | None = None
-    failed: int = 0
-    teams: int = 0
-
-    def row(self) -> dict[str, str]:
-        """Return it as texts, by the names of columns."""
-        row = {"list": self.list, "learner": self.learner}
-        if self.share is None or self.error is None:
-            return row | {"share of the gap": "-", "failed teams": "-"}
-        share = f"{percent(self.share)} ({100 * self.error:.1f})"
-        failed = f"{self.failed} of {self.teams}"
-        return row | {"share of the gap": share, "failed teams": failed}
-
-
-@dataclass(frozen=True)
-class Standings:
-    """How learners stand, list by list.
-
-    Attributes:
-        standings: of each list and learner, in the order in which they were asked for.
-    """
-
-    standings: tuple[Standing, ...]
-
-    def __repr__(self) -> str:
-        """Return what it says, a line a standing."""
-        rows = [one.row() for one in self.standings]
-        columns = {name: [row[name] for row in rows] for name in rows[0]}
-        return shown_as(f"<benchmark: {len(rows)} standings>", columns)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {"standings": [asdict(one) for one in self.standings]}
-
-    def to_pandas(self) -> "pd.DataFrame":
-        """Return a data frame: a row for each standing, a column for each of its attributes.
-
-        Raises:
-            RunError: pandas is not installed.
-        """
-        rows = [asdict(one) for one in self.standings]
-        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
-
-
 def benchmark(
     learners: "LearnerLike | Iterable[LearnerLike]" = "factored",
     *,
@@ -132,7 +65,7 @@ def benchmark(
     scheduler: SchedulerLike = None,
     progress: Progress = no_progress,
     **settings: object,
-) -> Standings:
+) -> list[dict[str, Any]]:
     """Judge learners on fixed lists of scenarios, at a penalty of -100.
 
     Args:
@@ -150,6 +83,17 @@ def benchmark(
         scheduler: as of `run_experiment`.
         progress: called with a condition's id, the agent-steps done and those of its list.
         **settings: settings of learning to change for all, as of `load_scenario`.
+
+    Returns:
+        Of each list and learner, in the order in which they were asked for:
+
+        - `list`, `learner`: their names;
+        - `share`: closed share of the pooled gap; None: the learner cannot learn every scenario of
+          the list;
+        - `error`: the standard error of the share: of generated buildings a bootstrap over
+          buildings, and teams in each, else that of the teams;
+        - `failed`: teams in which some robot fails to arrive in more than one trial of a thousand;
+        - `teams`: all teams.
 
     Raises:
         SettingError: no learner; an unknown learner, list or setting; a setting that changes the
@@ -186,18 +130,17 @@ def benchmark(
     for name, items in asked.items():
         for learner in names:
             conditions = _conditions(learner, items, {**settings, "steps": steps})
-            if conditions is None:
-                found.append(Standing(name, learner))
-            else:
+            results: list[ConditionResult] = []
+            if conditions:
                 results = list(run_experiment(conditions, **how).values())
-                found.append(standing(name, learner, results))
-    return Standings(tuple(found))
+            found.append(standing(name, learner, results))
+    return found
 
 
 def _conditions(
     learner: str, items: Sequence[Item], settings: dict[str, object]
-) -> list[Condition] | None:
-    """Return a condition for each scenario; None: the learner cannot learn all of them."""
+) -> list[Condition]:
+    """Return a condition for each scenario; none: the learner cannot learn all of them."""
     try:
         return [
             make_condition(
@@ -208,28 +151,36 @@ def _conditions(
             for item in items
         ]
     except SettingError:
-        return None
+        return []
 
 
-def standing(name: str, learner: str, results: Sequence[ConditionResult]) -> Standing:
-    """Return how the teams of a learner stand in the scenarios of a list.
+def standing(
+    name: str, learner: str, results: Sequence[ConditionResult]
+) -> dict[str, Any]:
+    """Return how the teams of a learner stand in the scenarios of a list, as of `benchmark`.
 
     Args:
         name: the list's name.
         learner: the learner's name.
-        results: of each scenario of the list.
+        results: of each scenario of the list; none: the learner cannot learn all of them.
     """
-    learned = [one.run_means("returns") for one in results]
+    found = {"list": name, "learner": learner, "share": None, "error": None}
+    if not results:
+        return {**found, "failed": 0, "teams": 0}
+    learned = [one.measures.each("returns") for one in results]
     low = np.array([one.reference["returns"] for one in results])
     high = np.array([_top(one) for one in results])
     share, error = pooled_share(learned, low, high)
     if name not in SAMPLED:
         errors = [standard_error(returns) for returns in learned]
         error = float(np.linalg.norm(errors) / (high - low).sum())
-    failed = sum(failed_teams(one) for one in results)
-    return Standing(
-        name, learner, share, error, failed, sum(one.runs for one in results)
-    )
+    return {
+        **found,
+        "share": share,
+        "error": error,
+        "failed": sum(one.measures.failed for one in results),
+        "teams": sum(one.runs for one in results),
+    }
 
 
 def _top(result: ConditionResult) -> float:
@@ -264,11 +215,3 @@ def pooled_share(
     means = np.array([returns.mean() for returns in learned])
     share = float((means - low).sum() / (high - low).sum())
     return share, float(shares.std(ddof=1))
-
-
-def failed_teams(result: ConditionResult) -> int:
-    """Return the number of failed teams, exactly where that is known."""
-    arrived = result.arrived_in_trials
-    if result.exact is not None:
-        arrived = result.exact["arrived"]
-    return sum(fails(share) for share in arrived)

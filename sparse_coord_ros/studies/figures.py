@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of experiments, and one of any conditions."""
 
-import math
 import textwrap
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -18,7 +17,6 @@ from matplotlib.figure import Figure
 
 from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.core.game.settings import as_text
-from sparse_coord_ros.core.runs.evaluation import Measure
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.show.charts import (
     BEST_ASKING,
@@ -46,7 +44,6 @@ from sparse_coord_ros.studies.catalogue import (
 from sparse_coord_ros.studies.compared import (
     best_asking_team,
     by_scenario,
-    loss_alone,
     paper,
 )
 from sparse_coord_ros.studies.condition_result import ConditionResult
@@ -87,7 +84,7 @@ def beside_paper(
     Args:
         results: the conditions.
         measures: a panel for each of these and each scenario.
-        bars: the field of a measure that its bar shows.
+        bars: what bars show: "spread" (in trials) or "error".
         said: the legend's text for the bars.
     """
     scenarios = by_scenario(results)
@@ -106,7 +103,7 @@ def beside_paper(
                 if printed is not None:
                     learner = one.learner.title
                     place = {"line": f"{learner}, paper", "learner": learner, "side": 1}
-                    papers.append(place | value_and_bar(printed, measure, bars))
+                    papers.append(place | value_and_bar(measure, *printed))
             data = pd.concat([ours, pd.DataFrame(papers)], ignore_index=True)
             draw_points(axes, data, "learner", titles)
             axes.set_title(own[0].scenario.name, fontsize=11)
@@ -119,7 +116,7 @@ def beside_paper(
 def swept_figure(
     results: Results, x: str = "", measures: Sequence[str] = SWEPT_MEASURES
 ) -> Figure:
-    """Draw any conditions against a setting in which they differ: `ExperimentResults.plot`.
+    """Draw any conditions against a setting in which they differ.
 
     There is a panel for each measure and combination of the other settings. A setting of numbers
     gets an axis of numbers, any other one names.
@@ -213,12 +210,10 @@ MEASURABLE = (
     "loss",
     "variance",
 )
-"""The measures of a condition: `measure_of`."""
+"""What figures show of a condition."""
 
 
-def measured(
-    results: Results, measure: str, bars: str = "standard_error"
-) -> pd.DataFrame:
+def measured(results: Results, measure: str, bars: str = "error") -> pd.DataFrame:
     """Return the points of conditions, one per row, for `draw_lines` and `draw_points`.
 
     The columns are `line` (the learner), `value`, `low` and `high` (lengths of the bar), `side`,
@@ -229,7 +224,7 @@ def measured(
     Args:
         results: the conditions.
         measure: one of `MEASURABLE`.
-        bars: the field of a measure that its bar shows.
+        bars: what bars show: "spread" (in trials) or "error".
     """
     exact = all(one.optimum_exact for one in results)
     optimum = OPTIMUM if exact else BOUND
@@ -240,7 +235,7 @@ def measured(
                 **one.scenario.plain_settings,
                 "line": one.learner.title,
                 "side": side_of(one.condition.learner),
-                **value_and_bar(measure_of(one, measure), measure, bars),
+                **value_and_bar(measure, *_mean_and_bar(one, measure, bars)),
                 **compared_with(one, measure, optimum),
             }
         )
@@ -254,21 +249,28 @@ def side_of(learner: str) -> float:
     )
 
 
-def measure_of(result: ConditionResult, name: str) -> Measure:
-    """Return one of the `MEASURABLE` of a condition; the variance has no error."""
-    if name == "loss":
-        return loss_alone(result)
+def _mean_and_bar(result: ConditionResult, name: str, bars: str) -> tuple[float, float]:
+    """Return one of the `MEASURABLE` of a condition, and the length of its bar.
+
+    The loss is against robots that are each alone on the map: they take shortest paths and never
+    miscoordinate, wait or ask. Unlike the return, it does not depend on the lengths of the paths.
+    The variance has no bar.
+    """
     if name == "variance":
-        return Measure(result.best("returns").spread ** 2, math.nan, 0.0)
-    return result.best(name)
+        return result.trials.spread("returns") ** 2, 0.0
+    measure = "returns" if name == "loss" else name
+    mean = result.measures.mean(measure)
+    if name == "loss":
+        mean = independent_bound(result.scenario) - mean
+    if bars == "spread":
+        return mean, result.trials.spread(measure)
+    return mean, result.measures.error(measure)
 
 
-def value_and_bar(measure: Measure, name: str, bars: str) -> dict[str, float]:
-    """Return the value and the lengths of its bar; no bar leads below 0 where no value can."""
-    error = getattr(measure, bars)
+def value_and_bar(name: str, value: float, bar: float) -> dict[str, float]:
+    """Return a value and the lengths of its bar; no bar leads below 0 where no value can."""
     signed = name in ("returns", "loss")
-    low = error if signed else min(error, measure.mean)
-    return {"value": measure.mean, "low": low, "high": error}
+    return {"value": value, "low": bar if signed else min(bar, value), "high": bar}
 
 
 def compared_with(
@@ -299,7 +301,7 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
 
     Each map says its learner and settings.
     """
-    totals = {one.id: np.array(one.asked).sum(axis=0) for one in results}
+    totals = {one.id: one.trials.asked.sum(axis=0) for one in results}
     norm = PowerNorm(
         0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1
     )
@@ -347,7 +349,7 @@ def _title(result: ConditionResult) -> list[str]:
     return [
         f"{result.scenario.name}, {result.learner.title}",
         *textwrap.wrap(settings, TITLE_LETTERS),
-        f"{result.best('asks').mean:.3f} asks a robot",
+        f"{result.measures.mean('asks'):.3f} asks a robot",
     ]
 
 
@@ -372,7 +374,7 @@ DRAWN: Mapping[str, Mapping[str, Draw]] = {
     },
     "penalty100": {
         "penalty100": partial(
-            beside_paper, measures=["returns"], bars="standard_error", said=ERRORS
+            beside_paper, measures=["returns"], bars="error", said=ERRORS
         )
     },
 }
@@ -447,4 +449,4 @@ def most_asking(results: Results) -> ConditionResult:
     there = sorted(
         (one for one in results if one.scenario.penalty == hardest), key=lambda e: e.id
     )
-    return max(there, key=lambda one: one.best("asks").mean)
+    return max(there, key=lambda one: one.measures.mean("asks"))

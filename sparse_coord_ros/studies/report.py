@@ -5,18 +5,12 @@
 It needs pandas and Matplotlib: import it late.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import pandas as pd
 
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.settings import as_text
-from sparse_coord_ros.core.runs.evaluation import Measure
+from sparse_coord_ros.core.runs.measures import HEADINGS
 from sparse_coord_ros.core.solve.shipped import shipped_best_team
 from sparse_coord_ros.show.charts import rendered
 from sparse_coord_ros.studies.catalogue import Experiment
@@ -25,22 +19,9 @@ from sparse_coord_ros.studies.compared import (
     by_scenario,
     paper,
 )
-from sparse_coord_ros.studies.condition_result import (
-    BY_ROBOT,
-    SUMS,
-    ConditionResult,
-    standard_error,
-)
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.figures import figures_of
-from sparse_coord_ros.studies.paper import PAPER_MEASURES
-
-"""Measures that the paper prints."""
-
-PROPERTIES = (
-    *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
-    *("visited_share", "visited_bytes", "dense_bytes"),
-)
-"""Of a result, as columns."""
+from sparse_coord_ros.studies.frames import to_pandas
 
 BESIDE_PAPER: Mapping[str, Sequence[str]] = {
     "table1": ["returns"],
@@ -94,10 +75,10 @@ def _beside_paper(
             row = {"scenario": own[0].scenario.name, "measure": measure}
             for one in own:
                 title = one.learner.title
-                row[title] = _with_error(one.best(measure))
+                row[title] = _cells(one)[HEADINGS[measure]]
                 printed = paper(one, measure)
                 if printed is not None:
-                    row[f"{title}, paper"] = f"{printed.mean:.2f}"
+                    row[f"{title}, paper"] = f"{printed[0]:.2f}"
             row["shortest paths"] = f"{own[0].reference[measure]:.2f}"
             if measure == "returns":
                 row |= _yardsticks(own[0])
@@ -113,13 +94,16 @@ def _each(results: Sequence[ConditionResult]) -> Iterator[Row]:
             "scenario": one.scenario.name,
             "learner": one.learner.title,
             **{name: as_text(plain[name]) for name in names},
-            "return": _with_error(one.best("returns")),
-            "asks": _with_error(one.best("asks")),
-            "miscoordinations": _with_error(one.best("miscoordinations")),
-            "failed teams": f"{one.failed_teams} of {one.runs}",
+            **_cells(one),
+            "failed teams": f"{one.measures.failed} of {one.runs}",
             "shortest paths": f"{one.reference['returns']:.2f}",
             **_yardsticks(one),
         }
+
+
+def _cells(result: ConditionResult) -> Row:
+    """Return the cells of a result's measures."""
+    return result.measures.cells(optimum=result.optimum)
 
 
 def _yardsticks(result: ConditionResult) -> Row:
@@ -136,66 +120,6 @@ def _yardsticks(result: ConditionResult) -> Row:
     return row
 
 
-def _with_error(measure: Measure) -> str:
-    """Return a mean, and its standard error; a dash for that of a single run."""
-    error = measure.standard_error
-    return f"{measure.mean:.2f} ({'-' if math.isnan(error) else f'{error:.2f}'})"
-
-
 def to_csv(results: Iterable[ConditionResult]) -> str:
     """Return a CSV file: one row a condition, one value a field, in full precision."""
-    rows = pd.DataFrame([dict(_flat(_row(one))) for one in results])
-    return rows.to_csv(index=False, lineterminator="\n")
-
-
-def _flat(row: Mapping[Any, Any], head: str = "") -> Iterator[tuple[str, object]]:
-    """Yield names and values of columns: nested keys are joined."""
-    for key, value in row.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{head}{key}_")
-        else:
-            yield f"{head}{key}", value
-
-
-def _row(result: ConditionResult) -> dict[str, Any]:
-    """Return the values of a row, nested; the keys are joined to the column's name."""
-    scenario = result.scenario
-    robots = len(scenario.robots)
-    by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
-    by_robot["common_reward_factor"] = (
-        list(scenario.common_reward.numbers) or [1.0] * robots
-    )
-    team = shipped_best_team(scenario)
-    exact = result.exact or dict.fromkeys((*SUMS, "arrived"), [math.nan])
-    found = {
-        name: paper(result, name) or Measure(math.nan, math.nan, 0)
-        for name in PAPER_MEASURES
-    }
-    return {
-        "id": result.id,
-        "scenario": scenario.name,
-        "learner": result.condition.learner,
-        "robots": robots,
-        **scenario.plain_settings,
-        "runs": result.runs,
-        "trials": result.trials,
-        **{name: asdict(result.measure(name)) for name in SUMS},
-        "paper": {
-            name: {"mean": m.mean, "spread": m.spread} for name, m in found.items()
-        },
-        "shortest_path": {name: result.reference[name] for name in PAPER_MEASURES},
-        **{name: getattr(result, name) for name in PROPERTIES},
-        **{
-            f"{name}_robot": dict(enumerate(own, start=1))
-            for name, own in by_robot.items()
-        },
-        "exact": {
-            name: {
-                "mean": np.mean(own),
-                "standard_error": standard_error(np.array(own)),
-            }
-            for name, own in exact.items()
-        },
-        "best_asking_team": best_asking_team(result),
-        "best_team": None if team is None else team.value,
-    }
+    return to_pandas(results).to_csv(index=False, lineterminator="\n")

@@ -12,9 +12,11 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from sparse_coord_ros.base.errors import (
     ResultsError,
@@ -29,6 +31,15 @@ from sparse_coord_ros.core.game.scenario import (
     scenario_from_dict,
 )
 from sparse_coord_ros.core.game.settings import Setting
+from sparse_coord_ros.core.runs.measures import (
+    BY_CELL,
+    BY_ROBOT,
+    EXACT,
+    MEASURES,
+    RUN,
+    TRIALS,
+    Measures,
+)
 from sparse_coord_ros.studies.checked_json import (
     Form,
     OrNull,
@@ -36,12 +47,7 @@ from sparse_coord_ros.studies.checked_json import (
     read_checked,
     to_text,
 )
-from sparse_coord_ros.studies.condition_result import (
-    BY_ROBOT,
-    SUMS,
-    ConditionResult,
-    reference_names,
-)
+from sparse_coord_ros.studies.condition_result import ConditionResult, reference_names
 from sparse_coord_ros.studies.conditions import Condition, parse_id
 
 MANIFEST = "results.json"
@@ -128,17 +134,13 @@ class Results:
             "computation": computation_digest(condition),
             "plan": asdict(self.plan),
             "scenario": None if own is None else _scenario_data(own),
-            "result": {name: getattr(result, name) for name in MEASURED},
+            "result": result_data(result),
         }
         write_result(self.path(condition), to_text(data))
 
 
-MEASURED = tuple(
-    field.name
-    for field in fields(ConditionResult)
-    if field.name not in ("condition", "trials")
-)
-"""What a file says of a condition's runs, as named in `ConditionResult`."""
+SAVED = ("visited", "optimum", "optimum_exact", "reference")
+"""What a file says of a condition's runs besides measures, as named in `ConditionResult`."""
 
 PLAN_FORM: Mapping[str, Form] = {"seed": int, "runs": int, "trials": int}
 MANIFEST_FORM: Mapping[str, Form] = {"version": str, **PLAN_FORM}
@@ -155,24 +157,43 @@ REMEDY = "remove it, and the command that made this directory computes it again"
 
 
 def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
-    """Return the form of a file's data on a condition's runs, by the names of `MEASURED`."""
-    of_run = (plan.runs,)
-    of_robot = (len(scenario.robots),)
-    of_cell = (*of_robot, len(scenario.map.cells))
-    sums = dict.fromkeys(SUMS, of_run)
+    """Return the form of `result_data`."""
+    robots = len(scenario.robots)
+    measures: dict[str, Form] = dict.fromkeys(MEASURES, (plan.runs,))
+    measures |= dict.fromkeys(BY_ROBOT, (plan.runs, robots))
+    measures |= dict.fromkeys(BY_CELL, (robots, len(scenario.map.cells)))
+    variances = dict.fromkeys(MEASURES, (plan.runs,))
     return {
+        "trials": {**measures, "variances": variances},
+        "exact": OrNull({**measures, "variances": {}}),
+        "visited": (plan.runs,),
         "optimum": (),
         "optimum_exact": bool,
         "reference": dict.fromkeys(reference_names(scenario), ()),
-        "means": sums,
-        "variances": sums,
-        "robot_means": dict.fromkeys(BY_ROBOT, of_robot),
-        "not_arrived": of_run,
-        "visited": of_run,
-        "asked": of_cell,
-        "stays": of_cell,
-        "exact": OrNull({**sums, "arrived": of_run}),
     }
+
+
+def result_data(result: ConditionResult) -> dict[str, Any]:
+    """Return what a file says of a condition's runs."""
+    exact = result.exact
+    return {
+        "trials": _measures_data(result.trials),
+        "exact": None if exact is None else _measures_data(exact),
+        **{name: getattr(result, name) for name in SAVED},
+    }
+
+
+def _measures_data(measures: Measures) -> dict[str, Any]:
+    data = {name: getattr(measures, name).tolist() for name in (*MEASURES, *BY_CELL)}
+    variances = {name: own.tolist() for name, own in measures.variances.items()}
+    return {**data, "variances": variances}
+
+
+def _measures(source: str, trials: int, data: dict[str, Any]) -> Measures:
+    """Return measures by run, from the data of a file."""
+    arrays = {name: np.array(data[name]) for name in (*MEASURES, *BY_CELL)}
+    variances = {name: np.array(own) for name, own in data["variances"].items()}
+    return Measures(source, RUN, trials, **arrays, variances=variances)
 
 
 def _scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -213,7 +234,15 @@ def _result(
         check_form(data["result"], _result_form(condition.scenario, plan), "result")
     except ValueError as error:
         raise ResultsError(f"{path}: {error}; {REMEDY}") from None
-    return ConditionResult(condition=condition, trials=plan.trials, **data["result"])
+    result = data["result"]
+    exact = result["exact"]
+    return ConditionResult(
+        condition=condition,
+        seed=plan.seed,
+        trials=_measures(TRIALS, plan.trials, result["trials"]),
+        exact=None if exact is None else _measures(EXACT, 0, exact),
+        **{name: result[name] for name in SAVED},
+    )
 
 
 def read_results(

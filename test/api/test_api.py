@@ -83,7 +83,7 @@ def test_all_of_it_needs_neither_ros_nor_pictures_nor_numba_nor_pandas(python):
         "training = sc.train(scenario)\n"
         "print(sc.evaluate(training, trials=2).trials, training.history.episodes > 0)\n"
         "print(len(sc.run_experiment('env1/coop/penalty=-1,steps=100', runs=1, trials=1)))\n"
-        "try: sc.train_many(scenario, runs=1, trials=1).to_pandas()\n"
+        "try: sc.evaluate(training, trials=2).to_pandas()\n"
         "except sc.SparseCoordError as error: print(error)\n",
     ).stdout
     assert out.splitlines()[:2] == ["2 True", "1"]
@@ -148,28 +148,18 @@ def test_many_runs_are_the_single_ones(scenario, training):
         sc.evaluate(many[1], trials=9).to_dict()
         == sc.evaluate(training, trials=9).to_dict()
     )
-    frame = many.to_pandas()
-    measures = ["returns", "time_to_goal", "asks", "miscoordinations", "arrived"]
-    assert list(frame) == [
-        "scenario",
-        "learner",
-        *scenario.plain_settings,
-        "seed",
-        *measures,
-    ]
-    assert set(frame.scenario + " " + frame.learner) == {"env1 coop"}
-    assert (frame.penalty == -100).all()
-    assert frame.returns[1] == sc.evaluate(training, trials=4, seed=3).returns.mean
-    assert frame.arrived[0] == many[0].trials.arrived.all(axis=1).mean()
-    bare = sc.train_many(scenario, runs=1, trials=0, history=False)
-    assert (bare[0].trials, bare[0].history.episodes) == (None, 0)
-    assert list(bare.to_pandas())[-1] == "seed"
+    assert many[1].trials == sc.evaluate(training, trials=4, seed=3)
+    exact = sc.evaluate_exact(training).mean("returns")
+    assert many[1].measures.mean("returns") == pytest.approx(exact)
+    teams = sc.by_run(run.measures for run in many)
+    assert teams.to_dict()["source"] == "exact" and len(teams) == 3
+    [bare] = sc.train_many(scenario, runs=1, trials=0, history=False)
+    assert (bare.trials, bare.measures, bare.history.episodes) == (None, None, 0)
 
 
 def test_what_is_shown_is_short(scenario, training, tmp_path):
-    """One line a thing, a table of many runs; a notebook shows pictures too."""
+    """One line a thing; a notebook shows pictures too."""
     saved = sc.load_run(training.save(tmp_path / "saved"))
-    many = sc.train_many(scenario, runs=30, trials=3, history=False)
     result = sc.run_experiment(IDS[0], runs=2, trials=3)[IDS[0]]
     bound = sc.shipped_asking_team(scenario)
     for thing in (
@@ -189,13 +179,9 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
     assert "env1, steps=2000, penalty=-100; coop, seed 3;" in repr(training)
     assert repr(saved).endswith(f"coop, seed 3; in {saved.directory}>")
     assert len(repr(bound)) < 500
-    lines = repr(many).splitlines()
-    assert lines[0] == "<Runs env1, steps=2000, penalty=-100; 30 of coop>"
-    assert (len(lines), lines[-1].split()[0]) == (15, "29")
-    pictures = [thing._repr_html_().count("<img") for thing in (training, saved, many)]
-    assert pictures == [2, 2, 1]
+    pictures = [thing._repr_html_().count("<img") for thing in (training, saved)]
+    assert pictures == [2, 2]
     assert "&lt;Training env1" in training._repr_html_()
-    assert many._repr_html_().count("<tr") == 14
 
 
 def test_a_learner_keeps_its_defaults_where_the_scenario_is_named_again(tmp_path):
@@ -232,7 +218,8 @@ def test_experiments_are_those_of_reproduce(printed, tmp_path):
         out=tmp_path / "o",
         progress=lambda *all: seen.append(all),
     )
-    assert json.loads(json.dumps(ours.to_dict())) == found
+    said = json.dumps([one.to_dict() for one in ours.values()])
+    assert found == {"conditions": json.loads(said.replace("NaN", "null"))}
     assert [(name, done) for name, done, _ in seen] == [
         (IDS[0], 0),
         (IDS[0], 1000),
@@ -251,25 +238,29 @@ def test_experiments_are_those_of_reproduce(printed, tmp_path):
 
 
 def test_frames_of_experiments():
+    """Each number has its error and its source."""
     done = sc.run_experiment(IDS, runs=2, trials=3, seed=5)
-    frame = done.to_pandas()
+    frame = sc.to_pandas(done)
     assert list(frame.condition) == list(IDS) == list(done)
-    assert (frame.ask_cost == [1, 2]).all()
+    assert (frame.ask_cost == [1, 2]).all() and (frame.source == "exact").all()
     result = done[IDS[0]]
-    assert frame.returns[0] == result.measure("returns").mean
-    assert frame.returns_standard_error[0] == result.measure("returns").standard_error
-    # Student's t of one degree of freedom
-    half = 12.706 * frame.returns_standard_error[0]
-    assert frame.returns_high[0] - frame.returns[0] == pytest.approx(half, rel=1e-4)
-    by_run = done.to_pandas(by_run=True)
+    assert frame.returns[0] == result.exact.mean("returns")
+    assert frame.returns_error[0] == result.exact.error("returns")
+    assert frame.returns_spread[0] == result.trials.spread("returns")
+    assert sc.to_pandas([result]).returns[0] == frame.returns[0]
+    by_run = sc.to_pandas(done, by_run=True)
     assert list(by_run.seed) == [5, 6, 5, 6]
     assert list(by_run.run) == [0, 1, 0, 1]
-    assert list(by_run.returns[:2]) == result.means["returns"]
-    half = 4.3027 * (result.variances["returns"][1] / 3) ** 0.5
-    assert by_run.returns[1] - by_run.returns_low[1] == pytest.approx(half, rel=1e-4)
-    assert by_run.arrived[0] == 1 - result.not_arrived[0] / 3
-    once = sc.run_experiment(IDS[0], runs=1, trials=1).to_pandas()
-    assert np.isnan(once.returns_standard_error[0])
+    assert list(by_run.returns[:2]) == result.exact.each("returns").tolist()
+    assert (by_run.returns_error == 0).all()
+    many = sc.run_experiment("env2-4r/noncoop/penalty=-20,steps=300", runs=2, trials=3)
+    by_run = sc.to_pandas(many, by_run=True)
+    [result] = many.values()
+    errors = np.sqrt(result.trials.variances["time_to_goal"] / 3)
+    assert (by_run.source == "trials").all()
+    assert by_run.time_to_goal_error.tolist() == errors.tolist()
+    once = sc.to_pandas(sc.run_experiment(IDS[0], runs=1, trials=1))
+    assert np.isnan(once.returns_error[0])
 
 
 OVER = {"penalty": [-20, -100], "ask_cost": (1.0,), "learner": ["indiv", "noncoop"]}
@@ -286,31 +277,19 @@ def test_a_sweep_is_the_conditions_that_it_names(tmp_path):
     ]
     assert list(swept) == ids
     assert dict(sc.run_experiment(ids, **few)) == dict(swept)
-    frame = swept.to_pandas(by_run=True)
-    assert list(frame)[:7] == [
-        "condition",
-        "scenario",
-        "learner",
-        "penalty",
-        "ask_cost",
-        *RUN,
-    ]
+    frame = sc.to_pandas(swept, by_run=True)
+    head = ["condition", "scenario", "learner", "robots", *scenario.plain_settings]
+    assert list(frame)[: len(head) + 3] == [*head, "run", "seed", "returns"]
     assert len(frame) == 8
     seen = []
     again = sc.sweep(scenario, OVER, out=tmp_path / "r", progress=seen.append, **few)
     assert (seen, dict(again)) == ([], dict(swept))
-    lines = repr(swept).splitlines()
-    assert lines[0] == "<4 conditions; runs of each: 2, trials of a run: 3>"
-    assert len(lines) == 6
-    assert swept._repr_html_().count("<tr") == 5
-    assert [axes.get_xlabel() for axes in swept.plot().axes] == ["penalty (log scale)"]
-    assert swept.plot()._repr_png_().startswith(b"\x89PNG")
-    assert len(swept.plot("penalty", ("returns", "asks")).axes) == 2
+    figure = sc.plot(swept)
+    assert [axes.get_xlabel() for axes in figure.axes] == ["penalty (log scale)"]
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    assert len(sc.plot(swept, "penalty", ("returns", "asks")).axes) == 2
     with pytest.raises(sc.SparseCoordError, match="'ask_cost'.*penalty"):
-        swept.plot("ask_cost")
-
-
-RUN = ["steps", "run"]
+        sc.plot(swept, "ask_cost")
 
 
 def test_a_sweep_of_a_scenario_of_ones_own(tmp_path):
@@ -331,13 +310,12 @@ def test_a_sweep_of_a_scenario_of_ones_own(tmp_path):
 def test_exact_evaluation_is_what_trials_tend_to(training, scenario):
     found = sc.evaluate_exact(training)
     trials = sc.evaluate(training, trials=2000, seed=1)
-    assert (
-        abs(found.returns.mean - trials.returns.mean)
-        < 4 * trials.returns.standard_error
+    assert abs(found.mean("returns") - trials.mean("returns")) < 4 * trials.error(
+        "returns"
     )
     same = sc.evaluate_exact(training.tables, scenario=scenario, learner="coop")
     assert same.to_dict() == found.to_dict()
-    assert isinstance(found, sc.ExactEvaluation)
+    assert isinstance(found, sc.Measures)
     with pytest.raises(sc.SparseCoordError, match="scenario"):
         sc.evaluate_exact(training.tables)
 

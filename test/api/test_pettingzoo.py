@@ -150,7 +150,7 @@ def test_discounted_returns_are_those_of_evaluate():
     found = evaluate(tables, scenario=scenario, learner="noncoop", trials=4000)
     error = np.std(returns) / len(returns) ** 0.5
     assert late > 0
-    assert abs(np.mean(returns) - found.returns.mean) < 4 * error
+    assert abs(np.mean(returns) - found.mean("returns")) < 4 * error
 
 
 def test_masks_worth_and_bad_input():

@@ -357,7 +357,7 @@ def test_a_learned_team_is_worth_what_exact_evaluation_says(learner, perception)
     env = sc.vector_env(training.scenario, 1000, seed=1)
     means = returns_of(env, training.tables, 8).mean(axis=1)
     error = means.std(ddof=1) / len(means) ** 0.5
-    value = sc.evaluate_exact(training).returns.mean
+    value = sc.evaluate_exact(training).mean("returns")
     assert abs(means.mean() - value) < 4 * error
     assert error < 0.5
 
@@ -370,9 +370,9 @@ def test_robots_that_have_arrived_pay_for_later_miscoordinations():
     found = returns_of(env, tables, 8)
     played = sc.evaluate(tables, scenario=scenario, learner="noncoop", trials=4000)
     error = found.mean(axis=1).std() / len(found) ** 0.5
-    apart = abs(found.mean() - played.returns.mean)
-    assert apart < 4 * np.hypot(error, played.returns.standard_error)
-    assert played.miscoordinations.mean > 0.1
+    apart = abs(found.mean() - played.mean("returns"))
+    assert apart < 4 * np.hypot(error, played.error("returns"))
+    assert played.mean("miscoordinations") > 0.1
     goal = scenario.goal_reward / (1 - scenario.discount)
     assert (found[:, 2] < goal * scenario.discount**2 - 10).mean() > 0.05
 

@@ -405,7 +405,7 @@ def test_a_driven_team_does_what_the_evaluation_says(team):
     driven = drive(run, tables, episodes=12, seed=4, values=VALUES)
     grid = play(run.scenario, tables, trials=12, seed=4, learner="coop")
     assert np.array_equal(driven.times, grid.time_to_goal)
-    assert np.array_equal(driven.arrived, grid.arrived)
+    assert np.array_equal(driven.arrived.all(axis=1), grid.arrived)
     assert np.array_equal(driven.asks, grid.asks)
     assert np.array_equal(driven.miscoordinations, grid.miscoordinations)
     driven_team = driven.team

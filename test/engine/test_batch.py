@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import FREE
 from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs import team as team_module
+from sparse_coord_ros.core.runs.measures import BY_CELL, MEASURES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team
 
@@ -45,10 +45,10 @@ def assert_same_run(one, other):
 
 
 def assert_same_trials(one, other):
-    for field in fields(one):
-        mine, theirs = (getattr(trials, field.name) for trials in (one, other))
-        assert mine.shape == theirs.shape and mine.dtype == theirs.dtype, field.name
-        assert mine.tobytes() == theirs.tobytes(), field.name
+    for name in (*MEASURES, *BY_CELL):
+        mine, theirs = (getattr(trials, name) for trials in (one, other))
+        assert mine.shape == theirs.shape and mine.dtype == theirs.dtype, name
+        assert mine.tobytes() == theirs.tobytes(), name
 
 
 def test_penalties_are_paid_by_their_factors():

@@ -10,7 +10,6 @@ test/nodes/test_bit_identity.py, the log in test/runlog.
 
 import hashlib
 import json
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
@@ -21,9 +20,8 @@ from teams import PROTOCOL, Traces, by_agents, in_parts
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners import mind
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs import team as team_module
+from sparse_coord_ros.core.runs.measures import BY_CELL, MEASURES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 
@@ -163,9 +161,9 @@ class Forgetful(Traces):
     """Of one's own: it has a memory of its own, and calls a function of its base class."""
 
     @staticmethod
-    def learn(mind, task, now):
-        traces_learn(mind, task, now)
-        mind.trace[now.cell][now.action] *= 0.5
+    def learn(mind, task, k, now, after):
+        traces_learn(mind, task, k, now, after)
+        mind.trace[k, now.cell, now.action] *= 0.5
 
 
 CASES = cases()
@@ -213,7 +211,8 @@ def said(memories, history=None, trials=None):
     if history is not None:
         found["history"] = digest(history._asdict())
     if trials is not None:
-        found["trials"] = digest(asdict(trials))
+        arrays = {name: getattr(trials, name) for name in (*MEASURES, *BY_CELL)}
+        found["trials"] = digest(arrays)
     return found
 
 
@@ -246,18 +245,10 @@ def agents(case, folder, monkeypatch):
 
 def in_pieces(case, folder, monkeypatch):
     """Plain and compiled in turn, each going on from a file of the other."""
-    monkeypatch.setattr(team_module, "BLOCK_STEPS", 64)
     scenario, rule = problem(case)
     stops = OFTEN if case.endswith("short") else STOPS
     run = in_parts(scenario, rule, SEED, (*stops, scenario.steps), folder)
     return said(run.memories, run.history)
-
-
-def hashed(case, folder, monkeypatch):
-    """Compiled, where the rows of Q^C or rho are searched for."""
-    monkeypatch.setattr(mind, "DENSE_ROWS", 0)
-    monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
-    return by_loops(case, True)
 
 
 def in_threads(case, folder, monkeypatch):
@@ -291,7 +282,6 @@ def said_of(training):
 
 EVERYWHERE = (plain, compiled, in_pieces, agents)
 SOME = {
-    hashed: ("coop, few answers",),
     in_threads: ("coop, few answers", "factored, few answers", "three, all asked"),
     in_processes: ("coop, few answers",),
     trained: ("coop, few answers", "indiv, plain"),
@@ -306,8 +296,7 @@ def matrix():
         ways = [way for way in EVERYWHERE if learner != "joint" or way is not agents]
         ways += [way for way, named in SOME.items() if case in named]
         found += [pytest.param(case, way, id=f"{case}, {way.__name__}") for way in ways]
-    slow = ("factored, few answers", hashed)  # numba compiles the longest loop again
-    return [*found, pytest.param(*slow, id="factored, hashed", marks=pytest.mark.long)]
+    return found
 
 
 @pytest.mark.parametrize(("case", "way"), matrix())

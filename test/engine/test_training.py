@@ -14,7 +14,7 @@ from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.engine.training import engine_for, train
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.evaluation import play, summary
+from sparse_coord_ros.core.runs.evaluation import play
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")
 
@@ -53,10 +53,10 @@ def test_train(engine, learner):
     )
     assert (done.engine, done.transitions) == (engine, 1200)
     assert seen[0] == (0, 1200) and seen[-1] == (1200, 1200)
-    assert [step for step, _ in done.evaluations] == [500, 1000, 1200]
-    expected = summary(play(scenario, done.tables, trials=10, seed=4, learner=learner))
-    assert done.evaluations[-1][1] == expected
-    assert done.evaluations[0][1] != expected
+    assert [one["steps"] for one in done.evaluations] == [500, 1000, 1200]
+    expected = play(scenario, done.tables, trials=10, seed=4, learner=learner).to_dict()
+    assert done.evaluations[-1] == {"steps": 1200, **expected}
+    assert done.evaluations[0]["returns"] != expected["returns"]
 
 
 class StopAt:
@@ -219,6 +219,6 @@ def test_other_evaluations_may_be_wanted_where_a_run_goes_on(tmp_path):
     stopped(450, scenario, "coop", 4, checkpoint=file, **how)
     known = {"checkpoint": file, "resume": True}
     done = train(scenario, "coop", 4, evaluate_every=300, trials=9, **known)
-    assert [step for step, _ in done.evaluations] == [200, 400, 600, 900, 1200]
+    assert [one["steps"] for one in done.evaluations] == [200, 400, 600, 900, 1200]
     whole = train(scenario, "coop", 4, evaluate_every=300, trials=9)
     assert done.evaluations[-1] == whole.evaluations[-1]

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_results import made_up
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.share import shipped_json
+from sparse_coord_ros.cli.benchmark import row_of
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, split_of, team_of
+from sparse_coord_ros.core.runs.measures import EXACT
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
@@ -20,8 +23,7 @@ from sparse_coord_ros.core.solve.shipped import (
     shipped_asking_team,
     unseen_buildings,
 )
-from sparse_coord_ros.studies.benchmark import failed_teams, pooled_share, standing
-from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.benchmark import pooled_share, standing
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.lists import LISTS, PENALTY, SAMPLED
 
@@ -134,12 +136,9 @@ def short_lists(monkeypatch):
 @pytest.mark.usefixtures("short_lists")
 def test_learners_are_judged():
     found = sc.benchmark(["noncoop", "coop"], **FEW, epsilon="constant:0.5")
-    [noncoop, coop] = found.standings
-    assert (noncoop.learner, noncoop.list, noncoop.teams) == (
-        "noncoop",
-        "tuning-pairs",
-        4,
-    )
+    [noncoop, coop] = found
+    assert (noncoop["learner"], noncoop["teams"]) == ("noncoop", 4)
+    assert noncoop["list"] == "tuning-pairs"
     results = []
     for item in LISTS["tuning-pairs"][:2]:
         scenario = sc.load_scenario(item.scenario, steps=50, epsilon="constant:0.5")
@@ -155,29 +154,27 @@ def test_learners_are_judged():
         results += swept.values()
     low = np.array([one.reference["returns"] for one in results])
     high = np.array([known_top(one.scenario) for one in results])
-    means = np.array([one.run_means("returns").mean() for one in results])
-    assert noncoop.share == pytest.approx((means - low).sum() / (high - low).sum())
-    assert noncoop.error > 0 and coop.learner == "coop"
-    assert len(found.to_pandas()) == 2
-    assert repr(found).startswith("<benchmark: 2 standings>")
+    means = np.array([one.measures.mean("returns") for one in results])
+    assert noncoop["share"] == pytest.approx((means - low).sum() / (high - low).sum())
+    assert noncoop["error"] > 0 and coop["learner"] == "coop"
 
 
 @pytest.mark.usefixtures("short_lists")
 def test_who_cannot_learn_a_list_has_no_share_there():
-    [found] = sc.benchmark("joint", **{**FEW, "lists": ["tuning-four"]}).standings
-    assert found.share is None
-    assert found.row()["share of the gap"] == "-"
+    [found] = sc.benchmark("joint", **{**FEW, "lists": ["tuning-four"]})
+    assert found["share"] is None
+    assert row_of(found) == ["tuning-four", "joint", "-", "-"]
 
 
 @pytest.mark.usefixtures("short_lists")
-def test_failing_percepts_have_the_top_of_sure_ones(result_in):
+def test_failing_percepts_have_the_top_of_sure_ones():
     """The standing is that of the same returns in the game with sure percepts."""
     sure = make_condition("env1", "coop", {"penalty": PENALTY})
     failing = make_condition(
         "env1", "coop", {"penalty": PENALTY, "perception": "probability:0.5"}
     )
     shares = [
-        standing("percepts", "coop", [result_in(one, [100.0, 110.0], [0, 0])]).share
+        standing("percepts", "coop", [result_of_teams(one, [100.0, 110.0])])["share"]
         for one in (sure, failing)
     ]
     assert shares[0] == shares[1]
@@ -207,46 +204,20 @@ def test_a_share_is_of_the_pooled_gap():
     assert share == pytest.approx((6.0 - 2.0) / 10.1)
 
 
-def test_what_is_exact_decides_who_fails(result_in):
-    returns = [140.0, 140.0, 140.0]
-    result = result_in(BUILDING, returns, failing=[0, 0, 1000])
-    exact = {"returns": returns, "arrived": [0.5, 0.9995, 1.0]}
-    assert failed_teams(replace(result, exact=exact)) == 1
-    assert failed_teams(result) == 1
+def test_what_is_exact_decides_who_fails():
+    result = result_of_teams(BUILDING, [140.0] * 3, arrived=[1.0, 1.0, 0.0])
+    assert standing("tuning-pairs", "coop", [result])["failed"] == 1
+    arrived = np.array([0.5, 0.9995, 0.3])
+    exact = replace(result.trials, source=EXACT, trials=0, arrived=arrived)
+    known = replace(result, exact=exact)
+    assert standing("tuning-pairs", "coop", [known])["failed"] == 2
 
 
-def test_a_team_that_misses_one_trial_of_a_thousand_has_not_failed(result_in):
-    result = result_in(BUILDING, [140.0] * 3, failing=[0, 1, 2])
-    assert failed_teams(result) == 1
-    assert result.failed_teams == 1
-
-
-@pytest.fixture
-def result_in():
-    """Return a function that makes up a result of a condition, with the returns of its runs."""
-
-    def made(condition, returns, failing):
-        return ConditionResult(
-            condition=condition,
-            trials=1000,
-            optimum=200.0,
-            optimum_exact=True,
-            reference={"returns": shortest_path_reference(condition.scenario).returns},
-            means={
-                name: list(returns) for name in ("returns", "asks", "miscoordinations")
-            },
-            variances={
-                name: [1.0] * len(returns)
-                for name in ("returns", "asks", "miscoordinations")
-            },
-            robot_means={},
-            not_arrived=failing,
-            visited=[],
-            asked=[],
-            stays=[],
-        )
-
-    return made
+def result_of_teams(condition, returns, arrived=None):
+    """Return a made-up result of a condition, with these returns of its teams."""
+    ones = [1.0] * len(returns)
+    measures = {name: ones for name in ("asks", "time_to_goal", "miscoordinations")}
+    return made_up(condition, **measures, returns=returns, arrived=arrived or ones)
 
 
 @pytest.mark.usefixtures("short_lists")

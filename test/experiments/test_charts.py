@@ -11,6 +11,7 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from sparse_coord_ros.core.runs.measures import MEASURES
 from sparse_coord_ros.show.charts import (
     BEST_ASKING,
     LEAST_SPANS,
@@ -18,7 +19,6 @@ from sparse_coord_ros.show.charts import (
     rendered,
 )
 from sparse_coord_ros.studies.catalogue import NAMES, REPORTED_LEARNERS, experiment
-from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.figures import (
     MEASURABLE,
     asked_maps,
@@ -33,9 +33,9 @@ AS_TEXT = ("-0.1", "-1", "-10", "-100", "-20", "0")
 def with_return(name, value, **settings):
     """Return a result of a condition with this return in every run."""
     learner = settings.pop("learner", "coop")
-    means = {measure: [1.0] * PLAN.runs for measure in SUMS}
-    means["returns"] = [value + 0.01 * run for run in range(PLAN.runs)]
-    return result_of(name, learner, settings, means=means)
+    ones = {measure: [1.0] * PLAN.runs for measure in MEASURES}
+    returns = [value + 0.01 * run for run in range(PLAN.runs)]
+    return result_of(name, learner, settings, **{**ones, "returns": returns})
 
 
 def drawn(axes):
@@ -143,9 +143,9 @@ def test_names_on_an_axis_do_not_overlap_and_its_kind_depends_on_the_quantity(
 def test_no_axis_scales_to_rounding_noise(measure):
     results = []
     for number, penalty in enumerate(("-1", "-2")):
-        means = {each: [2.0 + 1e-10 * number] * PLAN.runs for each in SUMS}
+        alike = {each: [2.0 + 1e-10 * number] * PLAN.runs for each in MEASURES}
         shortest = dict.fromkeys(("returns", "time_to_goal", "miscoordinations"), 2.0)
-        fixed = {"means": means, "optimum": 2.0, "reference": shortest}
+        fixed = {**alike, "optimum": 2.0, "reference": shortest}
         results.append(result_of("env1", "noncoop", {"penalty": penalty}, **fixed))
     [panel] = swept_figure(results, "penalty", [measure]).axes
     low, high = panel.get_ylim()
@@ -168,8 +168,7 @@ def test_every_experiment_has_a_figure(name):
 
 
 def test_a_single_run_has_no_error_and_is_drawn_all_the_same():
-    means = {measure: [7.0] for measure in SUMS}
-    one = {"means": means, "not_arrived": [0], "visited": [1.0]}
+    one = {measure: [7.0] for measure in MEASURES}
     result = result_of("env1", "coop", {"penalty": "-20"}, **one)
     [panel] = swept_figure([result], "penalty", ["asks"]).axes
     low, high = panel.get_ylim()

@@ -12,9 +12,9 @@ from made_up_results import PLAN, made_up, result_of
 
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.measures import MEASURES
 from sparse_coord_ros.studies.catalogue import NAMES, experiment
 from sparse_coord_ros.studies.compared import paper
-from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.report import to_csv, to_markdown, write_report
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -45,19 +45,20 @@ def table_of(text):
 
 def test_csv_has_one_value_a_field_in_full_precision():
     table1 = rows_of_csv(results_of("table1"))
-    assert [r["id"] for r in table1] == [
+    assert [r["condition"] for r in table1] == [
         one.id for one in experiment("table1").conditions
     ]
     result = made_up(experiment("table1").conditions[2])
     coop = table1[2]
-    assert float(coop["returns_mean"]) == result.measure("returns").mean
-    assert float(coop["asks_standard_error"]) == result.measure("asks").standard_error
-    assert float(coop["paper_returns_mean"]) == 126.3
+    measures = result.measures
+    assert float(coop["returns"]) == measures.mean("returns")
+    assert float(coop["asks_error"]) == measures.error("asks")
+    assert coop["source"] == "trials"
+    assert float(coop["paper_returns"]) == 126.3
     assert float(coop["dense_bytes"]) == 21 * 21 * 32
     assert coop["optimum_exact"] == "True"
-    assert [float(coop[f"returns_robot_{k}"]) for k in (1, 2)] == result.robot_means[
-        "returns"
-    ]
+    by_robot = [float(coop[f"returns_robot_{k}"]) for k in (1, 2)]
+    assert by_robot == measures.by_robot()["returns"]
     assert coop["returns_robot_3"] == ""  # of env2-4r
     for r in table1:
         assert not [value for value in r.values() if " " in value]
@@ -65,18 +66,18 @@ def test_csv_has_one_value_a_field_in_full_precision():
 
 
 def test_the_paper_stands_beside_its_own_settings_only():
-    assert paper(result_of("env1"), "returns").mean == 126.3
+    assert paper(result_of("env1"), "returns") == (126.3, 10.1)
     other = result_of("env1", settings={"penalty": -20, "ask_cost": 2})
     assert paper(other, "returns") is None
     assert paper(result_of("env1", settings={"penalty": -10}), "returns") is None
 
 
 def test_numbers_of_a_table_are_those_of_the_runs():
-    means = {name: [119.0, 121.0, 119.0, 121.0] for name in SUMS}
-    results = results_of("table1", {"env1/indiv/penalty=-20": {"means": means}})
+    returns = [119.0, 121.0, 119.0, 121.0]
+    results = results_of("table1", {"env1/indiv/penalty=-20": {"returns": returns}})
     rows = table_of(to_markdown("table1", results))
     assert [row["scenario"] for row in rows] == ["env1", "env2-2r", "env2-4r"]
-    assert rows[0]["Indiv."] == f"120.00 ({math.sqrt(4 / 3) / 2:.2f})"
+    assert rows[0]["Indiv."] == f"120.00 (s.e. {math.sqrt(4 / 3) / 2:.2f})"
     assert (rows[0]["Indiv., paper"], rows[0]["shortest paths"]) == ("119.50", "119.68")
     assert rows[0]["best asking team found"] == "121.20"
     assert rows[0]["joint optimum"] == "121.89"
@@ -103,11 +104,10 @@ def test_any_other_table_has_a_row_for_each_condition(name):
 
 
 def test_a_single_run_has_no_error():
-    one = dict.fromkeys(SUMS, [100.0])
-    single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
+    single = dict.fromkeys(MEASURES, [100.0])
     results = [made_up(each, **single) for each in experiment("table1").conditions]
     text = to_markdown("table1", results)
-    assert "100.00 (-)" in text and "nan" not in text
+    assert "100.00 (s.e. -)" in text and "nan" not in text
 
 
 def test_what_is_written(tmp_path):
@@ -141,9 +141,7 @@ def test_the_page_has_the_numbers_of_its_file(name):
     rows = {row["scenario"]: row for row in table_of("|" + section.split("\n|", 1)[1])}
     assert len(records) == 4 * len(rows)
     for one in records:
-        exact = "exact_" if one["exact_returns_mean"] else ""
-        mean, error = (
-            float(one[f"{exact}returns_{of}"]) for of in ("mean", "standard_error")
-        )
+        mean = float(one["returns"])
+        error = float(one["returns_error"])
         title = learner_of(one["learner"]).title
         assert rows[one["scenario"]][title] == f"{mean:.2f} ({error:.2f})"

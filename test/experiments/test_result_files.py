@@ -76,8 +76,11 @@ DAMAGES = {
     "number for a list": lambda text: text.replace(
         '"visited": [', '"visited": 3, "x": ['
     ),
-    "three runs": lambda text: text.replace('"not_arrived": [', '"not_arrived": [1, '),
-    "no means": lambda text: text.replace('"means"', '"mean"', 1),
+    "three runs": lambda text: text.replace('"visited": [', '"visited": [1, '),
+    "no returns": lambda text: text.replace('"returns"', '"return"', 1),
+    "a variance of what is exact": lambda text: text.replace(
+        '"variances": {}', '"variances": {"asks": [1, 1]}'
+    ),
 }
 
 
@@ -207,4 +210,8 @@ def test_a_condition_s_file_says_what_it_is_of(folder):
     assert content["plan"] == {"seed": 5, "runs": 2, "trials": 3}
     assert content["computation"] == computation_digest(condition)
     with open_results(folder, PLAN) as results:
-        assert results.load(condition).means == content["result"]["means"]
+        found = results.load(condition)
+    returns = content["result"]["trials"]["returns"]
+    assert found.trials.returns.tolist() == returns
+    assert found.exact.returns.tolist() == content["result"]["exact"]["returns"]
+    assert found.seed == 5

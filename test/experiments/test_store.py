@@ -3,7 +3,6 @@
 """Results directories: resumed, never mixed."""
 
 import errno
-import math
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -15,14 +14,22 @@ import yaml
 from teams import untrained
 
 from sparse_coord_ros.base.errors import ResultsError, SettingError
+from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.history import blank_history
-from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.core.runs.measures import (
+    EXACT,
+    MEASURES,
+    TRIAL,
+    TRIALS,
+    Measures,
+    by_run,
+)
 from sparse_coord_ros.studies import store as module
-from sparse_coord_ros.studies.condition_result import collect, sample
+from sparse_coord_ros.studies.condition_result import collect, result_of_run
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.runner import Computing, compute
 from sparse_coord_ros.studies.store import Plan, open_results
@@ -35,85 +42,79 @@ def made_up(seed):
     """Return a run with made-up trials of two robots."""
     draw = np.random.default_rng(seed)
     shape = (PLAN.trials, 2)
-    asked = np.zeros((2, 21), dtype=np.int64)
-    asked[0, 3] = 8 + seed
-    arrived = np.ones(shape, dtype=bool)
-    arrived[0, 1] = seed != 6
-    stays = np.zeros((2, 21), dtype=np.int64)
-    stays[1, 4] = 20 + seed
-    trials = Trials(
+    asked = np.zeros((2, 21))
+    asked[0, 3] = (8 + seed) / PLAN.trials
+    stays = np.zeros((2, 21))
+    stays[1, 4] = (20 + seed) / PLAN.trials
+    arrived = np.ones(PLAN.trials, dtype=bool)
+    arrived[0] = seed != 6
+    trials = Measures(
+        source=TRIALS,
+        unit=TRIAL,
+        trials=PLAN.trials,
         returns=draw.normal(120, 10, shape),
         time_to_goal=draw.normal(10, 1, shape),
+        miscoordinations=draw.normal(0.4, 0.1, PLAN.trials),
         asks=draw.normal(1, 0.1, shape),
         arrived=arrived,
-        miscoordinations=draw.normal(0.4, 0.1, PLAN.trials),
         asked=asked,
         stays=stays,
     )
     scenario = CONDITION.scenario
-    visited = np.array([40, 60 + seed])
-    tables = [untrained(scenario)] * 2
-    history = blank_history(0, 2)
-    done = (
+    return Training(
         scenario,
         learner_of("coop"),
         seed,
-        "python",
-        tables,
-        history,
-        visited,
-        scenario.steps,
+        engine="python",
+        tables=[untrained(scenario)] * 2,
+        history=blank_history(0, 2),
+        visited=np.array([40, 60 + seed]),
+        transitions=scenario.steps,
+        trials=trials,
     )
-    return Training(*done, trials=trials)
 
 
 @pytest.fixture
 def result():
-    return collect(
-        CONDITION, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds)
-    )
+    runs = (result_of_run(made_up(seed)) for seed in PLAN.seeds)
+    return collect(CONDITION, PLAN.seed, runs)
 
 
-def test_mean_spread_and_standard_error(result):
-    returns = np.stack([made_up(seed).trials.returns for seed in PLAN.seeds])
-    measure = result.measure("returns")
-    assert measure.mean == pytest.approx(returns.mean())
-    assert measure.spread == pytest.approx(returns.std())
-    runs = returns.mean(axis=(1, 2))
-    assert measure.standard_error == pytest.approx(runs.std(ddof=1) / math.sqrt(3))
-    conflicts = np.stack([made_up(seed).trials.miscoordinations for seed in PLAN.seeds])
-    assert result.measure("miscoordinations").spread == pytest.approx(conflicts.std())
+def test_a_result_has_the_measures_of_its_runs(result):
+    teams = [made_up(seed).trials for seed in PLAN.seeds]
+    assert result.measures is result.trials
+    assert result.trials.to_dict() == by_run(teams).to_dict()
+    assert result.trials.arrived.tolist() == [1.0, 0.75, 1.0]
+    assert result.trials.failed == 1
+    assert result.trials.asked[0, 3] == pytest.approx((13 + 14 + 15) / 12)
+    assert result.trials.stays.sum() == pytest.approx((25 + 26 + 27) / 12)
 
 
-def test_arrival_sparsity_and_where_robots_asked(result):
-    assert result.not_arrived == [0, 1, 0]
-    assert result.arrived == pytest.approx(11 / 12)
-    assert result.failed_teams == 1
+def test_sparsity_and_what_it_is_compared_with(result):
     assert result.visited_share == pytest.approx(np.mean([52.5, 53, 53.5]) / 21**2)
     assert result.visited_bytes == pytest.approx(53 * 32)
-    assert result.asked[0][3] == pytest.approx((13 + 14 + 15) / 12)
-    assert np.array(result.asked).shape == (2, 21)
-    assert result.stays[1][4] == pytest.approx((25 + 26 + 27) / 12)
-    assert np.array(result.stays).sum() == result.stays[1][4]
     assert result.optimum == pytest.approx(121.89, abs=0.01)
     assert result.optimum_exact
     assert result.reference["returns"] == pytest.approx(119.68, abs=0.01)
 
 
-def test_a_team_fails_where_some_robot_misses_more_than_one_trial_in_a_thousand(result):
-    counted = replace(result, trials=2000, not_arrived=[0, 2, 3])
-    assert counted.failed_teams == 1
-
-
-def test_each_robot_has_its_own_means(result):
-    trials = [made_up(seed).trials for seed in PLAN.seeds]
-    for name in ("returns", "asks"):
-        values = np.concatenate([getattr(one, name) for one in trials])
-        assert result.robot_means[name] == pytest.approx(values.mean(axis=0))
-        assert np.mean(result.robot_means[name]) == pytest.approx(
-            result.measure(name).mean
-        )
-    assert result.to_dict()["robot_means"] == result.robot_means
+def test_what_is_exact_is_shown_with_the_spread_of_trials():
+    run = made_up(5)
+    exact = replace(
+        run.trials,
+        **{name: getattr(run.trials, name)[:1] for name in MEASURES},
+        source=EXACT,
+        trials=0,
+    )
+    runs = [result_of_run(replace(run, exact=exact))] * 2
+    result = collect(CONDITION, 5, runs)
+    assert result.measures is result.exact
+    row = result.to_row()
+    assert (row["source"], row["runs"]) == ("exact", 2)
+    assert row["returns"] == exact.returns.mean()
+    assert row["returns_spread"] == result.trials.spread("returns")
+    said = result.to_dict()
+    assert said["exact"]["returns"] != said["trials"]["returns"]
 
 
 @pytest.mark.parametrize(
@@ -123,7 +124,7 @@ def test_each_robot_has_its_own_means(result):
 def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
     one = make_condition(name, "coop", {"steps": 300, **settings})
     runs = list(run_batch(one.scenario, "coop", [1, 2], trials=2, jobs=1))
-    result = collect(one, 2, map(sample, runs))
+    result = collect(one, 1, map(result_of_run, runs))
     assert result.row_bytes == row
     assert result.joint_states == len(one.scenario.map.cells) ** one.scenario.perceived
     if one.scenario.sparse:
@@ -162,8 +163,10 @@ def test_another_format_of_the_manifest_is_refused(tmp_path):
     with open_results(tmp_path, PLAN):
         pass
     manifest = tmp_path / "results.json"
-    manifest.write_text(manifest.read_text().replace('"format": 5', '"format": 1'))
-    words = "results.json: is in format 1, this version reads format 5; make it anew"
+    manifest.write_text(
+        manifest.read_text().replace(f'"format": {FORMAT}', '"format": 5')
+    )
+    words = f"results.json: is in format 5, this version reads format {FORMAT}; make it anew"
     with pytest.raises(ResultsError, match=words), open_results(tmp_path, PLAN):
         pass
 
@@ -203,7 +206,9 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
         assert results.path(CONDITION).read_bytes() == before
 
 
-@pytest.mark.parametrize("damage", ["", "[1]", "{", '{"format": 5, "seed": 1e999}'])
+@pytest.mark.parametrize(
+    "damage", ["", "[1]", "{", f'{{"format": {FORMAT}, "seed": 1e999}}']
+)
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)
     with (

@@ -1,25 +1,20 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What robots do to each other, in plain numbers, in arrays, in loops and in the world."""
+"""What robots do to each other, in one step and in many."""
 
-from itertools import product
+from itertools import combinations, permutations, product
 
 import numpy as np
 import pytest
-from teams import drawn
 
 from sparse_coord_ros.base.errors import ScenarioError
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
-    any_together,
-    as_lists,
     can_miscoordinate,
-    ends_of_two,
-    interacting,
     interactions_of,
-    miscoordinate,
-    miscoordinate_two,
+    miscoordinates,
     miscoordinations,
+    partners,
     settle,
     settled,
 )
@@ -47,11 +42,40 @@ def corridor(interactions, text="1.DD2", robots=None):
 
 
 def ends(inter, before, wanted):
-    """Return where robots end, by the loop over lists; arrays must say the same."""
+    """Return where robots end."""
     cells = list(wanted)
-    settle(as_lists(inter), before, cells, range(len(before)))
-    assert settled(inter, np.array(before), np.array(wanted)).tolist() == cells
+    settle(inter, before, cells)
     return cells
+
+
+def by_all_sets(inter, before, wanted):
+    """Return where robots end, by trying which of them move: all sets, the largest first.
+
+    Just those robots stay that cannot move beside the others.
+    """
+    team = range(len(before))
+    sets = [set(own) for n in reversed(range(4)) for own in combinations(team, n)]
+    tried = ([wanted[k] if k in own else before[k] for k in team] for own in sets)
+    return next(
+        after
+        for own, after in zip(sets, tried, strict=True)
+        if all(can_move(inter, before, wanted, after, k) == (k in own) for k in team)
+    )
+
+
+def can_move(inter, before, wanted, after, k):
+    """Return whether a robot can go where it wants, beside the others as they end."""
+    x = before[k]
+    c = wanted[k]
+    if c == x or not inter.narrow[c]:
+        return True
+    for j in range(len(before)):
+        holds_it = before[j] == after[j] == c
+        goes_first = before[j] != c and after[j] == c and j < k
+        comes_towards = before[j] == c and after[j] == x
+        if j != k and (holds_it or goes_first or comes_towards):
+            return False
+    return True
 
 
 @pytest.mark.parametrize(
@@ -65,20 +89,16 @@ def ends(inter, before, wanted):
 )
 def test_together(interactions, places, count):
     inter = corridor(interactions)
-    assert inter.places.tolist() == places
-    lists = as_lists(inter)
+    assert inter.places.tolist() == [*places, NOWHERE]
     due = []
     for cells in STATES.tolist():
         at = [places[cell] for cell in cells]
-        pairs = {
-            (k, j) for k, j in product(TEAM, repeat=2) if k != j and at[k] == at[j] >= 0
-        }
+        pairs = {(k, j) for k, j in permutations(TEAM, 2) if at[k] == at[j] >= 0}
         due.append(bool(pairs))
-        assert any_together(at) == bool(pairs)
-        assert miscoordinate(lists, cells, cells, TEAM) == bool(pairs)
+        assert miscoordinates(inter, cells, cells) == bool(pairs)
         for k in TEAM:
-            partners = interacting(lists, cells, cells, cells, TEAM, k)
-            assert partners == sum(1 << j for i, j in pairs if i == k)
+            others = partners(inter, cells, cells, cells, k)
+            assert others == sum(1 << j for i, j in pairs if i == k)
     assert sum(due) == count  # of 125
     assert miscoordinations(inter, STATES.T, STATES.T).tolist() == due
 
@@ -101,17 +121,17 @@ def test_the_first_cell_can_be_a_doorway_too():
 
 
 def test_swap_is_an_exchange_of_two_cells_that_are_no_goals():
-    inter = as_lists(corridor("swap"))
-    assert miscoordinate(inter, [1, 2, 0], [2, 1, 0], TEAM)
-    assert interacting(inter, [1, 2, 0], [2, 1, 0], [2, 1, 0], TEAM, 0) == 2
-    assert interacting(inter, [1, 2, 0], [2, 1, 0], [2, 1, 0], TEAM, 2) == 0
-    assert not miscoordinate(inter, [0, 1, 2], [1, 0, 2], TEAM)  # one cell is a goal
-    assert not miscoordinate(inter, [1, 2, 2], [2, 3, 3], TEAM)  # they follow
-    assert not miscoordinate(inter, [1, 2, 2], [1, 2, 2], TEAM)
+    inter = corridor("swap")
+    assert miscoordinates(inter, [1, 2, 0], [2, 1, 0])
+    assert partners(inter, [1, 2, 0], [2, 1, 0], [2, 1, 0], 0) == 2
+    assert partners(inter, [1, 2, 0], [2, 1, 0], [2, 1, 0], 2) == 0
+    assert not miscoordinates(inter, [0, 1, 2], [1, 0, 2])  # one cell is a goal
+    assert not miscoordinates(inter, [1, 2, 2], [2, 3, 3])  # they follow
+    assert not miscoordinates(inter, [1, 2, 2], [1, 2, 2])
 
 
 @pytest.mark.parametrize(
-    ("before", "wanted", "after", "partners"),
+    ("before", "wanted", "after", "others"),
     [
         ([1, 2, 0], [2, 2, 0], [1, 2, 0], [2, 0, 0]),  # a cell that is held
         ([1, 2, 0], [2, 3, 0], [2, 3, 0], [0, 0, 0]),  # one follows
@@ -125,13 +145,12 @@ def test_swap_is_an_exchange_of_two_cells_that_are_no_goals():
         ([3, 3, 3], [4, 4, 4], [4, 4, 4], [0, 0, 0]),  # a goal holds all
     ],
 )
-def test_a_narrow_cell_holds_one_robot(before, wanted, after, partners):
+def test_a_narrow_cell_holds_one_robot(before, wanted, after, others):
     inter = corridor("block")
-    assert inter.narrow.tolist() == [False, False, True, True, False]
+    assert np.flatnonzero(inter.narrow).tolist() == [2, 3]
     assert ends(inter, before, wanted) == after
-    found = [interacting(as_lists(inter), before, wanted, after, TEAM, k) for k in TEAM]
-    assert found == partners
-    assert not miscoordinate(as_lists(inter), before, after, TEAM)
+    assert [partners(inter, before, wanted, after, k) for k in TEAM] == others
+    assert not miscoordinates(inter, before, after)
 
 
 @pytest.mark.parametrize(
@@ -156,28 +175,26 @@ def test_robots_may_go_around_in_a_circle():
     assert ends(inter, [2, 3, 1], [3, 1, 1]) == [2, 3, 1]
 
 
-def test_loop_and_arrays_settle_all_steps_alike():
-    inter = corridor("block:anywhere")
+@pytest.mark.parametrize(
+    "interactions", ["block", "block:anywhere", "together+swap+block"]
+)
+def test_robots_end_as_all_sets_of_movers_say(interactions):
+    inter = corridor(interactions)
     lead = [[max(0, x - 1), x, min(4, x + 1)] for x in range(5)]
     steps = [
-        (before, wanted)
+        (before, list(wanted))
         for before in STATES.tolist()
         for wanted in product(*(lead[x] for x in before))
     ]
-    before = np.array([one for one, _ in steps]).T
-    wanted = np.array([list(one) for _, one in steps]).T
+    due = [by_all_sets(inter, *step) for step in steps]
+    assert [ends(inter, *step) for step in steps] == due
+    assert due != [wanted for _, wanted in steps]
+    before = np.array([x for x, _ in steps]).T
+    wanted = np.array([y for _, y in steps]).T
     after = settled(inter, before, wanted)
-    for i, (x, y) in enumerate(steps):
-        assert ends(inter, x, y) == after[:, i].tolist()
-    # No robot enters a narrow cell that another one is in, or through which another one comes.
-    for k, j in [(0, 1), (0, 2), (1, 2)]:
-        moved = (after != before)[[k, j]].any(axis=0)
-        same = (after[k] == after[j]) & inter.narrow[after[k]]
-        assert not (same & moved & (before[k] != before[j])).any()
-        passed = (
-            (after[k] == before[j]) & (after[j] == before[k]) & (after[k] != after[j])
-        )
-        assert not (passed & inter.narrow[before[k]] & inter.narrow[before[j]]).any()
+    assert after.T.tolist() == due
+    paid = [miscoordinates(inter, x, y) for (x, _), y in zip(steps, due, strict=True)]
+    assert miscoordinations(inter, before, after).tolist() == paid
 
 
 @pytest.mark.parametrize(
@@ -204,22 +221,3 @@ def test_spaces_around_the_plus_do_not_matter():
     data = {**parse_yaml(CORRIDOR, where=""), "interactions": "swap + block"}
     scenario = scenario_from_dict(data, where="", name="corridor")
     assert scenario.interactions == "swap+block"
-
-
-@pytest.mark.parametrize("kinds", ["together+swap+block", "swap+block:anywhere"])
-def test_two_robots_end_as_a_team_of_two(kinds):
-    scenario = drawn("1.D.2\n..#..", interactions=kinds)
-    inter = interactions_of(scenario)
-    listed = as_lists(inter)
-    cells = range(len(scenario.map.cells))
-    lead = scenario.map.next_cell.tolist()
-    differ = 0
-    for x, z in product(cells, repeat=2):
-        for y, w in product([x, *lead[x]], [z, *lead[z]]):
-            ends = [y, w]
-            settle(listed, [x, z], ends, [0, 1])
-            assert ends_of_two(inter, x, z, y, w) == tuple(ends)
-            differ += ends != [y, w]
-            paid = miscoordinate(listed, [x, z], ends, [0, 1])
-            assert miscoordinate_two(inter, x, z, *ends) == paid
-    assert differ >= 20

@@ -146,14 +146,3 @@ def test_random_starts_are_uniform_never_the_goal_never_cut_off(make):
 def test_fixed_starts(setting, options):
     scenario = load_scenario("env2-4r").with_settings({"starts": setting})
     assert (starts(scenario, 50, **options) == [r.start for r in scenario.robots]).all()
-
-
-def test_agents_left_out_neither_move_nor_meet(make):
-    robots = {"a": ([0, 2], [0, 4]), "b": ([0, 3], [0, 0])}
-    world = World(make("..D..", robots, **SURE), 0, agents=[1])
-    assert world.arrived == [True, False]
-    outcome = world.advance([go(EAST), go(WEST)])
-    assert world.cells == [2, 2]  # in the doorway together
-    assert not outcome.miscoordination
-    world.advance([None, go(WEST)])
-    assert world.advance([None, go(WEST)]).episode_over

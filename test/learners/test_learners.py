@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from sparse_coord_ros.core.runs.forms import agrees
 from teams import Traces, tables_equal
 
 from sparse_coord_ros.base.errors import PluginError, SettingError
@@ -12,7 +13,6 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.core.runs.forms import agrees
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 

@@ -144,7 +144,7 @@ def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves(monkeypatch):
             one.mind.value[before] = 300.0
             tables.append(one.tables)
         trials = play(scenario, tables, trials=40, seed=1)
-        arrived[leaves] = trials.arrived.all(axis=1).mean()
+        arrived[leaves] = trials.mean("arrived")
     assert arrived[False] < 0.6
     assert arrived[True] > arrived[False] + 0.3
 

@@ -23,7 +23,6 @@ from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import policy_of
 from sparse_coord_ros.show.sources import open_run
-from sparse_coord_ros.studies.condition_result import SUMS
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.figures import results_figure
 from sparse_coord_ros.studies.store import open_results
@@ -155,7 +154,7 @@ def test_maps_of_runs_share_one_scale_of_asks(trained, bag):
     runs = [open_run(trained), open_run(bag)]
     axes = all_axes(figures.runs_figure(runs, ["asks"]))
     scales = [beside.get_ylim() for one in axes for beside in one.child_axes]
-    most = max(float(run.trials.asked.max()) for run in runs) / figures.PLAYED_EPISODES
+    most = max(float(run.trials.asked.max()) for run in runs)
     assert scales == [(0.0, most)] * 2
 
 
@@ -212,8 +211,7 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
     with open_results(tmp_path / "r", PLAN) as opened:
         for (learner, penalty), asks in asked.items():
             one = make_condition("env1", learner, {"penalty": penalty})
-            means = {name: [asks] * PLAN.runs for name in SUMS}
-            opened.save(one, made_up(one, means=means))
+            opened.save(one, made_up(one, asks=[asks] * PLAN.runs))
     out = tmp_path / "r.svg"
     command = ["plot", str(tmp_path / "r"), "--what", "asks", "--out", str(out)]
     assert main(command) == 0

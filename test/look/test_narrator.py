@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Places and moves in words."""
 
+import numpy as np
 import pytest
 
 from sparse_coord_ros.core.game.actions import EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
+from sparse_coord_ros.core.runs.measures import TRIAL, TRIALS, Measures
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.narrator import Narrator, failing_in_words
@@ -193,7 +195,10 @@ def test_a_robot_that_asks_and_is_stopped_says_by_which_one():
     ("share", "told"), [(1.0, ""), (0.9995, ""), (0.998, "99.8 %"), (0.0, "0 %")]
 )
 def test_of_a_team_that_fails_it_is_said_how_often_all_arrive(share, told):
-    text = failing_in_words(share)
+    episodes = np.arange(10_000) < share * 10_000
+    zeros = np.zeros((10_000, 2))
+    values = [zeros, zeros, zeros[:, 0], zeros, episodes, zeros[:2], zeros[:2]]
+    text = failing_in_words(Measures(TRIALS, TRIAL, 10_000, *values))
     if not told:
         assert text == ""
         return

@@ -74,7 +74,7 @@ def test_pictures_and_the_map_topic_agree_on_who_asks_where():
         np.testing.assert_array_equal(policy.asks[here], published[here])
         ties += (policy.may_ask & ~policy.asks).sum()
     assert ties > 20
-    assert evaluate_exact(scenario, tables, learner="factored").asks.mean > 0
+    assert evaluate_exact(scenario, tables, learner="factored").mean("asks") > 0
 
 
 def test_a_robot_may_enter_what_lies_behind_a_tie():

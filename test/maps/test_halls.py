@@ -36,5 +36,5 @@ def test_all_arrive(tmp_path, hall, robots):
     found = evaluate_best(
         scenario, training.tables, trials=1000, seed=1, learner=learner
     )
-    assert found.all_arrived >= 0.999
+    assert found.mean("arrived") >= 0.999
     assert last_word(scenario, learner, found).kind != LOST

@@ -103,8 +103,10 @@ def test_unreadable(sparse_coord, tmp_path):
 
 
 def test_damage_is_said(sparse_coord, good, tmp_path):
-    data = bytearray(open_bag(good.bag).path.read_bytes())
-    data[len(data) // 2] ^= 1
+    bag = open_bag(good.bag)
+    [blocks] = bag.blocks
+    data = bytearray(bag.path.read_bytes())
+    data[blocks[len(blocks) // 2].offset + 100] ^= 1
     (tmp_path / "bad_0.mcap").write_bytes(data)
     code, out, _ = sparse_coord("verify", tmp_path / "bad_0.mcap")
     assert code == 3

@@ -115,7 +115,7 @@ def test_the_value_is_what_exact_evaluation_says(settings):
     scenario = made("1.D.2\n..D..", **settings, horizon=2000)
     found = find_asking_team(scenario, restarts=2)
     worth = evaluate_exact(scenario, tables_of_policies(scenario, found.robots))
-    assert worth.returns.mean == pytest.approx(found.value, abs=1e-6)
+    assert worth.mean("returns") == pytest.approx(found.value, abs=1e-6)
     assert class_value(scenario, found.robots) == pytest.approx(found.value, abs=1e-6)
     assert found.value <= joint_optimum(scenario).value + 1e-6
     assert found.value >= shortest_path_reference(scenario).returns - 1e-6
@@ -301,8 +301,10 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     assert bound.game == game_digest(scenario)
     found = evaluate_exact(scenario, tables_of_policies(scenario, bound.robots))
     # Trials end at the horizon; what comes later is worth less than this.
-    late = (1 - found.all_arrived) * 2 * scenario.goal_reward / (1 - scenario.discount)
-    assert abs(found.returns.mean - bound.value) < 1e-6 + late
+    late = (
+        (1 - found.mean("arrived")) * 2 * scenario.goal_reward / (1 - scenario.discount)
+    )
+    assert abs(found.mean("returns") - bound.value) < 1e-6 + late
     assert bound.value <= joint_optimum(scenario).value + 1e-6
     assert bound.value >= shortest_path_reference(scenario).returns - 1e-6
     assert 1 <= bound.agreed <= bound.restarts

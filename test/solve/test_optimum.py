@@ -7,9 +7,8 @@ import itertools
 import pytest
 
 from sparse_coord_ros.core.game.interactions import (
-    as_lists,
     interactions_of,
-    miscoordinate,
+    miscoordinates,
     settle,
 )
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -233,11 +232,10 @@ def test_it_is_what_brute_force_finds(make, interactions):
 
 def brute_force(scenario, sweeps=50):
     """Return the optimum by value iteration over dictionaries."""
-    inter = as_lists(interactions_of(scenario))
+    inter = interactions_of(scenario)
     lead = scenario.map.next_cell.tolist()
     cells = range(len(lead))
     goals = tuple(robot.goal for robot in scenario.robots)
-    members = range(len(goals))
     p = scenario.move_success
     outcomes = {}
     for state in itertools.product(cells, repeat=len(goals)):
@@ -247,10 +245,10 @@ def brute_force(scenario, sweeps=50):
         ]
         for wanted in itertools.product(*choices):
             ends = list(wanted)
-            settle(inter, state, ends, members)
+            settle(inter, state, ends)
             paid = sum(y == goal for y, goal in zip(ends, goals, strict=True))
             paid *= scenario.goal_reward
-            if miscoordinate(inter, state, ends, members):
+            if miscoordinates(inter, state, ends):
                 paid += sum(scenario.penalties)
             outcomes[state, wanted] = tuple(ends), paid / len(goals)
     value = dict.fromkeys(itertools.product(cells, repeat=len(goals)), 0.0)

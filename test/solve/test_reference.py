@@ -10,7 +10,7 @@ import pytest
 from teams import walking
 
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.evaluation import play, summary
+from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
 
@@ -194,11 +194,12 @@ def test_pairs_and_larger_teams_are_worth_what_trials_say(interactions):
         found = shortest_path_reference(scenario)
         assert found.exact == (name == "env2-2r")
         assert (found.returns_error > 0) != found.exact
-        played = summary(play(scenario, walking(scenario), trials=1000, seed=1))
+        played = play(scenario, walking(scenario), trials=1000, seed=1)
         for measure in ("returns", "time_to_goal", "miscoordinations"):
-            own = getattr(played, measure)
-            error = math.hypot(own.standard_error, getattr(found, f"{measure}_error"))
-            gap = abs(own.mean - getattr(found, measure))
+            error = math.hypot(
+                played.error(measure), getattr(found, f"{measure}_error")
+            )
+            gap = abs(played.mean(measure) - getattr(found, measure))
             assert gap <= 4 * error + 1e-9, (name, measure)
 
 

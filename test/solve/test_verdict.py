@@ -4,12 +4,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from teams import untrained, walking
 
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.measures import TRIALS
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
@@ -36,11 +38,11 @@ def earning(scenario, value, *, error=0.0, learner="coop", asks=1.0):
     """Return the last word on a team that earns and asks so much and else is one of env1."""
     env1 = load_scenario("env1")
     found = evaluate_exact(env1, walking(env1))
-    measure = replace(found.returns, mean=value, standard_error=error)
-    asked = replace(found.asks, mean=asks)
-    return last_word(
-        scenario, learner_of(learner), replace(found, returns=measure, asks=asked)
-    )
+    # two trials, the mean of which has this error
+    trials = {"source": TRIALS, "trials": 2} if error else {}
+    returns = np.array([[value - error] * 2, [value + error] * 2])
+    found = replace(found, returns=returns, asks=np.full((2, 2), asks), **trials)
+    return last_word(scenario, learner_of(learner), found)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ closed, as by Ctrl-C, both stop within a block of time steps.
 """
 
 import os
+import re
+import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -24,7 +26,7 @@ from sparse_coord_ros.base.compiling import (
     is_compiled,
     is_kept,
 )
-from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.errors import PluginError, SettingError
 from sparse_coord_ros.core.engine.cluster import Cluster
 from sparse_coord_ros.core.engine.processes import in_processes
 from sparse_coord_ros.core.engine.trained import Training
@@ -32,11 +34,11 @@ from sparse_coord_ros.core.game.perception import (
     check_found_elsewhere,
     is_found_elsewhere,
 )
-from sparse_coord_ros.core.game.plugins import path_of
+from sparse_coord_ros.core.game.plugins import is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.mind import rows_in
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.forms import agrees
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import exact_means
@@ -45,6 +47,14 @@ SMALL = "env1"
 """The scenario on which loops are played when they are compiled."""
 
 ENGINES = ("auto", "numba", "python")
+
+TELLING = (
+    "No implementation of function",
+    "Untyped global name",
+    "Unknown attribute",
+    "Cannot",
+)
+"""Beginnings of the lines in which numba says what it cannot compile."""
 
 
 def run_batch(
@@ -142,7 +152,7 @@ def _in_threads(
     with ThreadPoolExecutor(jobs) as pool:
         try:
             for scenario, rule, seeds in batches:
-                prepare(rule, history=history)
+                prepare(rule)
                 team = Team(scenario, rule, compiled=True, stop=stop)
                 run = partial(_run, team, trials=trials, gathering=history)
                 futures += [pool.submit(run, seed) for seed in seeds]
@@ -186,7 +196,7 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
         raise SettingError(
             f"setting engine: value is 'numba', which is not installed; {remedy}"
         )
-    if learner is None or agrees(learner):
+    if learner is None or _compiles(learner):
         return True
     if engine == "numba":
         raise SettingError(
@@ -194,6 +204,41 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
             "leave the engine out, or choose 'python'"
         )
     return False
+
+
+_compiling: dict[type[Learner], bool] = {}
+
+
+def _compiles(learner: Learner) -> bool:
+    """Return whether numba compiles a learner; if not, say so once.
+
+    Tests check this package's learners. A user's own one is compiled here.
+    """
+    rule = learner.rule
+    if is_shipped(rule):
+        return True
+    if rule not in _compiling:
+        _compiling[rule] = True
+        try:
+            _compile(learner)
+        except PluginError as error:
+            _compiling[rule] = False
+            reason = _reason(error)
+            print(
+                f"learner {learner.label}: runs in plain Python, not compiled: numba cannot "
+                f"compile it ({reason})",
+                file=sys.stderr,
+            )
+    return _compiling[rule]
+
+
+def _reason(error: PluginError) -> str:
+    """Return numba's innermost reason, the last line of its message that tells."""
+    lines = [line.strip() for line in str(error.__cause__).splitlines()]
+    reasons = [line for line in lines if line.startswith(TELLING)]
+    if not reasons:
+        return type(error.__cause__).__name__
+    return re.sub(r" at 0x[0-9a-f]+|\) found for signature:$", "", reasons[-1])
 
 
 def _run_plain(
@@ -204,9 +249,11 @@ def _run_plain(
 
 def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     """Learn for the scenario's budget, and play greedy trials with the learned tables."""
-    learning = LearningRun(team, seed, gathering=gathering)
+    learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
     found = result_of(learning)
+    if not gathering:
+        found = replace(found, history=found.history.first(0).copy())
     if not trials:
         return found
     exact = exact_means(team.scenario, found.tables)
@@ -215,23 +262,21 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
 
 def result_of(learning: LearningRun) -> Training:
     """Return the results of a run so far."""
-    tables = learning.tables
+    memories = learning.memories
     return Training(
         learning.scenario,
         learning.learner,
         learning.seed,
         "numba" if learning.team.compiled else "python",
-        tables,
+        learning.team.tables(memories),
         learning.history,
-        learning.rows_learned(tables),
+        np.array([rows_in(memory) for memory in memories]),
         learning.done,
     )
 
 
-def prepare(
-    learner: str | Learner, *, engine: str = "auto", history: bool = False
-) -> None:
-    """Compile the loops for a learner, once in this process.
+def prepare(learner: str | Learner, *, engine: str = "auto") -> None:
+    """Compile the loop of a learner, once in this process; say so if it is not on disk.
 
     Does nothing for plain Python. Progress displays call it before their clock starts: it takes
     some seconds, and Ctrl-C ends it at once. It plays on a small map: on the user's own a trial
@@ -240,33 +285,44 @@ def prepare(
     Args:
         learner: a learner, or its name.
         engine: as of `run_batch`.
-        history: whether the loop is needed that gathers the learning history.
 
     Raises:
         SettingError: numba is asked for and not installed.
     """
     rule = learner_of(learner)
     if uses_numba(engine, rule):
-
-        def warm_up() -> None:
-            small = rule.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
-            _run(Team(small, rule, compiled=True), seed=0, trials=1, gathering=history)
-
-        compile_once(*_loops_key(rule, history), warm_up)
+        _compile(rule)
 
 
-def is_prepared(*, learner: str | Learner = "coop", history: bool = False) -> bool:
-    """Return whether a learner's loops are compiled, in this process or on disk."""
-    key = _loops_key(learner, history)
+def _compile(learner: Learner) -> None:
+    """Compile the loop of a learner, or load it from disk."""
+
+    def warm_up() -> None:
+        small = learner.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
+        run = LearningRun(Team(small, learner, compiled=True), seed=0)
+        run.advance(1)
+        exact_means(small, run.tables)
+
+    if not is_prepared(learner=learner):
+        print(
+            f"compiling learner {learner.label}, once per machine, some seconds",
+            file=sys.stderr,
+        )
+    compile_once(*_loop_key(learner), warm_up)
+
+
+def is_prepared(*, learner: str | Learner = "coop") -> bool:
+    """Return whether a learner's loop is compiled, in this process or on disk."""
+    key = _loop_key(learner)
     return is_compiled(*key) or is_kept(*key)
 
 
-def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool:
-    """Return whether the loops for a learner are ready in this process."""
-    return is_compiled(*_loops_key(learner, history))
+def is_loaded(*, learner: str | Learner = "coop") -> bool:
+    """Return whether the loop of a learner is ready in this process."""
+    return is_compiled(*_loop_key(learner))
 
 
-def _loops_key(learner: str | Learner, history: bool) -> tuple[str, type]:
-    """Return a key of the compiled loops: numba compiles them for each learner."""
-    kind = learner_of(learner).Mind.learner
-    return f"{kind.__qualname__}_with_history" if history else kind.__qualname__, kind
+def _loop_key(learner: str | Learner) -> tuple[str, type]:
+    """Return a key of a compiled loop: numba compiles one for each learner."""
+    kind = learner_of(learner).rule
+    return kind.__qualname__, kind

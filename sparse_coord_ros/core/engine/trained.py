@@ -5,6 +5,7 @@
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +14,10 @@ from sparse_coord_ros.base.files import path_argument, write_whole
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.evaluation import Evaluation
 from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.core.runs.tables import save_team
-from sparse_coord_ros.core.runs.trials import Trials
-from sparse_coord_ros.core.solve.exact import ExactMeans
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +33,10 @@ class Training:
         history: one row an episode; none where it was not gathered.
         visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
-        evaluations: evaluations of the team on the way, as (transitions, evaluation).
-        trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
-            them, seeded by the run's seed; None where none were played.
+        evaluations: measures of the team on the way, in trials: `steps`, the transitions before
+            them, and `Measures.to_dict`.
+        trials: greedy trials afterwards, as `train_many` plays them, seeded by the run's seed;
+            None where none were played.
         exact: the exact means of such a trial; None without trials, or if not computable.
     """
 
@@ -48,14 +48,19 @@ class Training:
     history: History
     visited: np.ndarray
     transitions: int
-    evaluations: tuple[tuple[int, Evaluation], ...] = ()
-    trials: Trials | None = None
-    exact: ExactMeans | None = None
+    evaluations: tuple[dict[str, Any], ...] = ()
+    trials: Measures | None = None
+    exact: Measures | None = None
 
     def __repr__(self) -> str:
         """Return a one-line description."""
         done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
         return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
+
+    @property
+    def measures(self) -> Measures | None:
+        """What its team earns: exact if that was computed, else in trials; None: neither."""
+        return self.trials if self.exact is None else self.exact
 
     def save(self, directory: str | Path) -> Path:
         """Write a run's directory, as `sparse_coord train` does: every verb reads it.

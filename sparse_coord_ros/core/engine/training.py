@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from sparse_coord_ros.base.errors import SettingError, check_function
 from sparse_coord_ros.base.files import path_argument
@@ -21,15 +21,13 @@ from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.learner import Learner, replays_of
 from sparse_coord_ros.core.learners.registry import (
     LearnerLike,
     chosen_learner,
     learner_of,
 )
-from sparse_coord_ros.core.learners.rules import replays_of
-from sparse_coord_ros.core.runs.evaluation import Evaluation, Progress, silent, summary
-from sparse_coord_ros.core.runs.forms import check_own_memory
+from sparse_coord_ros.core.runs.evaluation import Progress, silent
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.runs.team import Team
@@ -95,9 +93,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    quick = batch.is_loaded(learner=rule, history=True) or pays_to_compile(
-        scenario, rule
-    )
+    quick = batch.is_loaded(learner=rule) or pays_to_compile(scenario, rule)
     if engine == "auto" and not quick:
         return "python"
     return "numba" if batch.uses_numba(engine, rule) else "python"
@@ -105,7 +101,7 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
 
 def pays_to_compile(scenario: Scenario, learner: Learner) -> bool:
     """Return whether plain Python takes longer for a run than numba takes to begin."""
-    kept = batch.is_prepared(learner=learner, history=True)
+    kept = batch.is_prepared(learner=learner)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
     if replays_of(scenario) > 1:
         needed //= SLOWED_BY_REPLAYS
@@ -169,10 +165,9 @@ def train(
         if evaluate_every is None:
             evaluate_every = saved.evaluate_every
             trials = saved.trials
-    check_own_memory(rule)
     used = engine_for(scenario, rule, engine)
     if used == "numba":
-        batch.prepare(rule, history=True)
+        batch.prepare(rule)
     state = None if saved is None else saved.state
     under_way = _RunUnderWay(
         LearningRun(Team(scenario, rule, compiled=used == "numba"), seed, state),
@@ -197,7 +192,7 @@ class _RunUnderWay:
     learning: LearningRun
     evaluate_every: int
     trials: int
-    evaluations: list[tuple[int, Evaluation]]
+    evaluations: list[dict[str, Any]]
     checkpoint: Path | None
     progress: Progress
     watcher: Watcher | None
@@ -253,7 +248,8 @@ class _RunUnderWay:
         every = self.evaluate_every
         over = done == self.learning.scenario.steps
         if every and (over or done % every == 0):
-            self.evaluations.append((done, summary(self.learning.play(self.trials))))
+            measures = self.learning.play(self.trials)
+            self.evaluations.append({"steps": done, **measures.to_dict()})
 
     def _look(self) -> int | None:
         """Let the watcher look; return what it returns."""

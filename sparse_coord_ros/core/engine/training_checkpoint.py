@@ -11,8 +11,9 @@ that of `core.runs.checkpoint_bytes`.
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.checkpoint_bytes import position_arrays, positions_from
-from sparse_coord_ros.core.runs.evaluation import Evaluation, Measure
 from sparse_coord_ros.core.runs.history import history_from
 from sparse_coord_ros.core.runs.run import LearningState
 from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
@@ -39,13 +39,13 @@ class Checkpoint:
 
     Attributes:
         state: where it is.
-        evaluations: those so far, as (transitions, evaluation).
+        evaluations: those so far, as of `Training`.
         evaluate_every: transitions between two of them; 0: none.
         trials: of each of them.
     """
 
     state: LearningState
-    evaluations: tuple[tuple[int, Evaluation], ...]
+    evaluations: tuple[dict[str, Any], ...]
     evaluate_every: int
     trials: int
 
@@ -53,9 +53,7 @@ class Checkpoint:
         """Write the file, whole or not at all."""
         arrays: dict[str, np.ndarray] = {
             "evaluations": np.array(
-                json.dumps(
-                    [self.evaluate_every, self.trials, self.evaluations], default=asdict
-                )
+                json.dumps([self.evaluate_every, self.trials, self.evaluations])
             )
         }
         arrays |= position_arrays(self.state.positions)
@@ -91,8 +89,8 @@ def load_checkpoint(
         ]
         positions = positions_from(arrays, scenario, groups)
         state = LearningState(positions, tuple(memories), tuple(histories))
-        every, trials, found = json.loads(str(arrays["evaluations"]))
-        evaluations = tuple((step, _evaluation(**data)) for step, data in found)
+        every, trials, rows = json.loads(str(arrays["evaluations"]))
+        evaluations = tuple(dict(row) for row in rows)
     except (KeyError, ValueError, IndexError, TypeError, TablesError) as error:
         raise checkpoint_bytes.broken(path, error) from None
     return Checkpoint(state, evaluations, every, trials)
@@ -102,13 +100,6 @@ def _memory(
     arrays: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner, k: int
 ) -> Memory:
     return check_memory(scenario, learner, k, memory_from(arrays, k + 1))
-
-
-def _evaluation(
-    trials: int, not_arrived: int, **measures: dict[str, float]
-) -> Evaluation:
-    found = {name: Measure(**numbers) for name, numbers in measures.items()}
-    return Evaluation(trials=trials, not_arrived=not_arrived, **found)
 
 
 def run_digest(scenario: Scenario, learner: Learner, seed: int) -> str:

@@ -10,7 +10,7 @@ Plain Python and compiled loops run this source, with the same bits.
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inlined
+from sparse_coord_ros.base.compiling import inner
 
 LEARNING, EVALUATION = range(2)
 """Phases of a run: the same seed gives independent draws in each."""
@@ -50,34 +50,39 @@ _WORD = 0xFFFFFFFFFFFFFFFF
 _GOLDEN = 0x9E3779B97F4A7C15
 _FIRST_FACTOR = 0xBF58476D1CE4E5B9
 _SECOND_FACTOR = 0x94D049BB133111EB
+_BITS_33 = 2**33 - 1
+_BITS_34 = 2**34 - 1
+_BITS_37 = 2**37 - 1
+_BITS_53 = 2**53 - 1
 _UNIT = 2.0**-53
 
 
-@inlined
-def output(seed: int, number: int) -> int:
-    """Return an output of SplitMix64, 64 bits.
-
-    Args:
-        seed: the generator's seed, 64 bits.
-        number: the output's number, from 0.
-    """
-    # By uint64 compiled loops shift unsigned numbers; Python's integers are unsigned here.
-    z = int(np.uint64((int(seed) + (int(number) + 1) * _GOLDEN) & _WORD))
-    z = ((z ^ (z >> 30)) * _FIRST_FACTOR) & _WORD
-    z = ((z ^ (z >> 27)) * _SECOND_FACTOR) & _WORD
-    return z ^ (z >> 31)
-
-
-@inlined
+@inner
 def draw(key: int, step: int, column: int) -> float:
     """Return a uniform draw in [0, 1), a multiple of 2^-53.
+
+    It is output number `step * COLUMNS + column` (from 0) of SplitMix64 with the seed `key`.
 
     Args:
         key: the key of a robot in a role, from `key_of` or `keys_of`.
         step: the time step, from 0.
         column: which draw of the time step, from 0 to COLUMNS - 1.
     """
-    return (output(key, step * COLUMNS + column) >> 11) * _UNIT
+    counter = int(step) * COLUMNS + column + 1
+    return ((mixed(int(key) + counter * _GOLDEN) >> 11) & _BITS_53) * _UNIT
+
+
+@inner
+def mixed(z: int) -> int:
+    """Return the finalizer of SplitMix64 of the low 64 bits of a number.
+
+    Compiled loops compute with signed numbers of 64 bits, Python with whole ones: the masks after
+    the shifts make both unsigned.
+    """
+    z &= _WORD
+    z = ((z ^ ((z >> 30) & _BITS_34)) * _FIRST_FACTOR) & _WORD
+    z = ((z ^ ((z >> 27) & _BITS_37)) * _SECOND_FACTOR) & _WORD
+    return z ^ ((z >> 31) & _BITS_33)
 
 
 def key_of(seed: int, phase: int, robot: int, role: int) -> int:
@@ -89,7 +94,7 @@ def key_of(seed: int, phase: int, robot: int, role: int) -> int:
         robot: the robot's number, from 0.
         role: ENVIRONMENT or ROBOT.
     """
-    return output(seed, 4 * robot + 2 * phase + role)
+    return mixed(seed + (4 * robot + 2 * phase + role + 1) * _GOLDEN)
 
 
 def keys_of(seed: int, phase: int, robots: int) -> np.ndarray:

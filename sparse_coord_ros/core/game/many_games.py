@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inlined, jit
+from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
-from sparse_coord_ros.core.game.interactions import miscoordinate, settle
+from sparse_coord_ros.core.game.interactions import miscoordinates, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
-    INDEX,
     Problem,
     asking_reward,
     common_reward,
@@ -137,14 +136,13 @@ def room_for_games(
         phase: LEARNING or EVALUATION, as of `World`.
         in_halves: as of `Games`.
     """
-    compiled = has_numba()
     team = len(scenario.robots)
     exploring = np.zeros(1)
     if phase != EVALUATION:
         exploring = probabilities(scenario.starts, scenario.steps)
     return Games(
-        problem=problem_of(scenario, plain=not compiled),
-        members=np.arange(team, dtype=INDEX) if compiled else range(team),
+        problem=problem_of(scenario),
+        members=np.arange(team),
         exploring=exploring,
         most_steps=longest_episode(scenario, phase),
         in_halves=in_halves,
@@ -153,8 +151,8 @@ def room_for_games(
         first_step=np.zeros(games, dtype=np.int64),
         half=np.zeros(games, dtype=np.bool_),
         ended=np.zeros(games, dtype=np.bool_),
-        cells=np.zeros((games, team), dtype=INDEX),
-        before=np.zeros((games, team), dtype=INDEX),
+        cells=np.zeros((games, team), dtype=np.int64),
+        before=np.zeros((games, team), dtype=np.int64),
         arrived=np.zeros((games, team), dtype=np.bool_),
         chosen=np.zeros((games, team), dtype=np.int64),
         seen=np.zeros((games, team), dtype=np.int64),
@@ -206,7 +204,7 @@ def new_outcome(games: Games) -> Outcome:
     )
 
 
-@inlined
+@inner
 def is_allowed(action: int, waits: bool, half: bool, chosen: int) -> bool:
     """Return whether a robot may choose an action now.
 
@@ -247,7 +245,7 @@ def first_refused(actions: Any, games: Games, allowed: Any) -> int:
     return -1
 
 
-@inlined
+@inner
 def begin(games: Games, i: int) -> None:
     """Begin the next episode of a game."""
     keys = games.keys[i]
@@ -263,7 +261,7 @@ def begin(games: Games, i: int) -> None:
     games.ended[i] = False
 
 
-@inlined
+@inner
 def ask_first(games: Games, i: int, actions: Any) -> bool:
     """Make the first half of a time step; return whether any robot asks."""
     keys = games.keys[i]
@@ -277,7 +275,7 @@ def ask_first(games: Games, i: int, actions: Any) -> bool:
     return asks
 
 
-@inlined
+@inner
 def choose_both(games: Games, i: int, actions: Any) -> None:
     """Note which robots ask with their moves; they perceive after the moves."""
     for k in games.members:
@@ -285,7 +283,7 @@ def choose_both(games: Games, i: int, actions: Any) -> None:
         games.chosen[i, k] = COORDINATE if asks else actions[i, k]
 
 
-@inlined
+@inner
 def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Complete a time step: moves, rewards, ends."""
     problem = games.problem
@@ -298,8 +296,8 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
         before[k] = cells[k]
         if not games.arrived[i, k]:
             cells[k] = led(problem, keys, k, step, cells[k], actions[i, k] % PRIMITIVES)
-    settle(inter, before, cells, games.members)
-    conflict = miscoordinate(inter, before, cells, games.members)
+    settle(inter, before, cells)
+    conflict = miscoordinates(inter, before, cells)
     over = True
     for k in games.members:
         acts = not games.arrived[i, k]
@@ -326,7 +324,7 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
     infos.miscoordination[i] = conflict
 
 
-@inlined
+@inner
 def clear_outcome(games: Games, i: int, outcome: Outcome) -> None:
     """Note that nothing is paid, and that nothing ends."""
     for k in games.members:
@@ -335,7 +333,7 @@ def clear_outcome(games: Games, i: int, outcome: Outcome) -> None:
     outcome.truncated[i] = False
 
 
-@inlined
+@inner
 def clear_infos(games: Games, i: int, infos: Infos) -> None:
     """Note that no step was made."""
     infos.miscoordination[i] = False
@@ -344,7 +342,7 @@ def clear_infos(games: Games, i: int, infos: Infos) -> None:
             infos.reward_parts[i, k, part] = 0.0
 
 
-@inlined
+@inner
 def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
     """Copy the infos of a step."""
     copied.miscoordination[i] = infos.miscoordination[i]
@@ -353,7 +351,7 @@ def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
             copied.reward_parts[i, k, part] = infos.reward_parts[i, k, part]
 
 
-@inlined
+@inner
 def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Make a time step of a game, or half of one."""
     if not games.in_halves:
@@ -367,7 +365,7 @@ def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) 
     move(games, i, actions, outcome, infos)
 
 
-@inlined
+@inner
 def observe(games: Games, i: int, shown: Observations, infos: Infos) -> None:
     """Fill in the observations and the infos of a game."""
     half = games.half[i]

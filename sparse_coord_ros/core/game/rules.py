@@ -2,17 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules of the game: starts, moves, percepts, rewards.
 
-The rules of interactions are in `core.game.interactions`.
-
-The world node, the loops, evaluation, planners and logs call these functions. They run on lists
-in plain Python and on arrays in compiled loops.
+The rules of interactions are in `core.game.interactions`. The world node, the loop of a team,
+evaluation, planners and logs call these functions, plain or compiled.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inlined
+from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.core.game.draws import (
     ENVIRONMENT,
     MOTION,
@@ -25,7 +23,6 @@ from sparse_coord_ros.core.game.draws import (
 )
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
-    as_lists,
     interactions_of,
 )
 from sparse_coord_ros.core.game.perception import drawn_peer, sight_of, succeeds
@@ -40,17 +37,17 @@ UNKNOWN_PARTNERS = -1
 
 
 class Problem(NamedTuple):
-    """A scenario as arrays, or as lists for plain Python; k is a robot, x its cell.
+    """A scenario as arrays; k is a robot, x its cell.
 
     Attributes:
         starts: start cell [k].
         goals: goal cell [k].
-        next_cell: where a move leads [x][move].
+        next_cell: where a move leads [x, move].
         interactions: how robots affect each other.
-        sight: probabilities that percepts succeed, always arrays.
+        sight: probabilities that percepts succeed.
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
         penalties: r^C of a miscoordination [k].
-        start_cells: cells where an exploring start can be [k][number].
+        start_cells: cells where an exploring start can be [k, number].
         start_counts: their number [k].
         move_success: probability that a move succeeds.
         goal_reward: r^I at the goal.
@@ -73,38 +70,23 @@ class Problem(NamedTuple):
     discount: float
 
 
-INDEX = np.uint32
-"""The type of cells, robots and actions in arrays. Numba looks at each signed index whether it is
-negative, which takes a tenth of a step's time."""
-
-LISTED = (
-    "starts",
-    "goals",
-    "next_cell",
-    "penalties",
-    "start_cells",
-    "start_counts",
-)
-
-
-def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Problem:
-    """Return a scenario as arrays, or as lists for plain Python.
+def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
+    """Return a scenario as arrays.
 
     Args:
         scenario: the problem.
-        plain: whether plain Python is to use it.
         percepts: whether `perceive` will be called; the model of percepts may be unknown.
     """
     grid = scenario.map
     robots = scenario.robots
     free = [grid.leading_to(robot.goal) for robot in robots]
-    start_cells = np.zeros((len(robots), max(map(len, free))), dtype=INDEX)
+    start_cells = np.zeros((len(robots), max(map(len, free))), dtype=np.int64)
     for k, choices in enumerate(free):
         start_cells[k, : len(choices)] = choices
-    problem = Problem(
-        starts=np.array([robot.start for robot in robots], dtype=INDEX),
-        goals=np.array([robot.goal for robot in robots], dtype=INDEX),
-        next_cell=np.ascontiguousarray(grid.next_cell, dtype=INDEX),
+    return Problem(
+        starts=np.array([robot.start for robot in robots]),
+        goals=np.array([robot.goal for robot in robots]),
+        next_cell=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         interactions=interactions_of(scenario),
         sight=sight_of(scenario.perception, scenario.map) if percepts else BLIND,
         all_peers=scenario.peers == "all",
@@ -116,46 +98,39 @@ def problem_of(scenario: Scenario, *, plain: bool, percepts: bool = True) -> Pro
         ask_cost=scenario.ask_cost,
         discount=scenario.discount,
     )
-    if plain:
-        lists = {name: getattr(problem, name).tolist() for name in LISTED}
-        inter = as_lists(problem.interactions)
-        problem = problem._replace(**lists, interactions=inter)
-    return problem
 
 
-@inlined
+@inner
 def start_of(problem: Problem, keys: Any, k: int, step: int, exploring: float) -> int:
     """Return the cell where robot k begins an episode: its start, or an exploring start.
 
     Args:
         problem: the scenario.
-        keys: the keys of the team's draws [role][k], from `keys_of`.
+        keys: the keys of the team's draws [role, k], from `keys_of`.
         k: the robot.
         step: the episode's first time step.
         exploring: probability of an exploring start: any cell with a way to the goal.
     """
-    key = keys[ENVIRONMENT][k]
+    key = keys[ENVIRONMENT, k]
     if exploring > 0.0 and draw(key, step, START) < exploring:
         pick = int(draw(key, step, START_CELL) * problem.start_counts[k])
-        cell: int = problem.start_cells[k][pick]
-        return cell
-    start: int = problem.starts[k]
-    return start
+        return int(problem.start_cells[k, pick])
+    return int(problem.starts[k])
 
 
-@inlined
+@inner
 def led(problem: Problem, keys: Any, k: int, step: int, cell: int, move: int) -> int:
     """Return the cell in which a move of robot k ends: where it leads, or the same cell."""
-    target: int = problem.next_cell[cell][move]
-    succeeds = draw(keys[ENVIRONMENT][k], step, MOTION) < problem.move_success
-    return target if succeeds else cell
+    if draw(keys[ENVIRONMENT, k], step, MOTION) < problem.move_success:
+        return int(problem.next_cell[cell, move])
+    return cell
 
 
-@inlined
+@inner
 def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     """Return the peers that robot k perceives by COORDINATE, the sum of 2^j; 0: it fails."""
     team = len(cells)
-    chance = draw(keys[ENVIRONMENT][k], step, PERCEPT)
+    chance = draw(keys[ENVIRONMENT, k], step, PERCEPT)
     if team == 2:
         if succeeds(chance, probability(problem.sight, cells[k], cells[1 - k])):
             return 2 - k
@@ -163,7 +138,7 @@ def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     first = 0
     end = team
     if not problem.all_peers and team > 1:
-        first = drawn_peer(k, team, draw(keys[ROBOT][k], step, PEER))
+        first = drawn_peer(k, team, draw(keys[ROBOT, k], step, PEER))
         end = first + 1
     seen = 0
     for j in range(first, end):
@@ -174,7 +149,7 @@ def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     return seen
 
 
-@inlined
+@inner
 def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
     """Return whether an episode ends: all robots have arrived, or its steps are used up.
 
@@ -186,31 +161,31 @@ def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
     return all_arrived or steps >= most
 
 
-@inlined
+@inner
 def individual_reward(problem: Problem, arrives: bool) -> float:
     """Return r^I_k of a step."""
     return problem.goal_reward if arrives else 0.0
 
 
-@inlined
+@inner
 def common_reward(problem: Problem, k: int, conflict: bool) -> float:
     """Return r^C of a step for robot k, arrived or not: any robots may miscoordinate."""
-    return problem.penalties[k] if conflict else 0.0
+    return float(problem.penalties[k]) if conflict else 0.0
 
 
-@inlined
+@inner
 def asking_reward(problem: Problem, asked: bool) -> float:
     """Return minus the cost of COORDINATE, answered or not; or 0."""
     return -problem.ask_cost if asked else 0.0
 
 
-@inlined
+@inner
 def goal_paid(problem: Problem, factor: float) -> float:
     """Return the total that the goal pays from the arrival on, for ever, times a factor."""
     return factor * problem.goal_reward / (1.0 - problem.discount)
 
 
-@inlined
+@inner
 def paid_for_ever(
     problem: Problem, arrives: bool, common: float, ask_cost: float
 ) -> float:

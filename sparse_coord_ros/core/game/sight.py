@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inlined, inner
+from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.core.game.grid import GridMap
 
 CONSTANT, RANGE, LINE_OF_SIGHT, TABLE = range(4)
@@ -100,7 +100,7 @@ def _on(grid: GridMap, kind: int, **more: Any) -> Sight:
 # Pairs of cells.
 
 
-@inlined
+@inner
 def probability(sight: Sight, x: int, z: int) -> float:
     """Return the probability that a percept succeeds."""
     if sight.kind == CONSTANT:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from sparse_coord_ros.core.game.draws import LEARNING, keys_of
 from sparse_coord_ros.core.game.interactions import (
-    interacting,
-    miscoordinate,
+    miscoordinates,
+    partners,
     settle,
 )
 from sparse_coord_ros.core.game.rules import (
@@ -82,7 +82,7 @@ class StepOutcome(NamedTuple):
         rewards: R_k(t) of every agent.
         miscoordination: whether the step ended in a miscoordination.
         arrived: the agents that reached their goals with this step.
-        episode_over: all agents that act have arrived, or the episode's steps are used up.
+        episode_over: all agents have arrived, or the episode's steps are used up.
     """
 
     rewards: tuple[Reward, ...]
@@ -101,7 +101,7 @@ class Position(NamedTuple):
             following attributes mean nothing.
         episode_start: the time step at which it began.
         cells: the local state X_k(t) of every agent.
-        arrived: whether each agent has reached its goal, or does not take part.
+        arrived: whether each agent has reached its goal.
     """
 
     transitions: int
@@ -126,7 +126,6 @@ class World:
         phase: LEARNING or EVALUATION: which random draws the world uses. Episodes of LEARNING
             begin as the learning protocol says, those of EVALUATION at the scenario's starts.
         max_steps: steps after which an episode ends; the scenario's where None.
-        agents: the agents that move (numbers from 0); all where None. Others stay out of the game.
 
     Attributes:
         step: the current time step t.
@@ -144,19 +143,15 @@ class World:
         *,
         phase: int = LEARNING,
         max_steps: int | None = None,
-        agents: Sequence[int] | None = None,
     ) -> None:
         self.scenario = scenario
-        self.agents = (
-            tuple(range(len(scenario.robots))) if agents is None else tuple(agents)
-        )
         self.max_steps = scenario.max_steps if max_steps is None else max_steps
         self.step = FIRST_STEP
         self.episode = 0
         self.transitions = 0
         self.miscoordinations = 0
-        self._problem = problem_of(scenario, plain=True, percepts=False)
-        self._keys = keys_of(seed, phase, len(scenario.robots)).tolist()
+        self._problem = problem_of(scenario, percepts=False)
+        self._keys = keys_of(seed, phase, len(scenario.robots))
         self._exploring = None
         if phase == LEARNING:
             self._exploring = probabilities(scenario.starts, scenario.steps)
@@ -171,16 +166,16 @@ class World:
     def _begin_here(self) -> None:
         self._episode_start = self.step
         self.cells = [robot.start for robot in self.scenario.robots]
-        self.arrived = [k not in self.agents for k in range(len(self.cells))]
+        self.arrived = [False] * len(self.cells)
         if self._exploring is None:
             return
         share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
-        for k in self.agents:
+        for k in range(len(self.cells)):
             self.cells[k] = start_of(self._problem, self._keys, k, self.step, share)
 
     @property
     def episode_over(self) -> bool:
-        """True if all agents that act have arrived, or the episode's steps are used up."""
+        """True if all agents have arrived, or the episode's steps are used up."""
         steps = self.step - self._episode_start
         return episode_ends(all(self.arrived), steps, self.max_steps)
 
@@ -217,20 +212,19 @@ class World:
         before = self.cells
         wanted = list(before)
         acting = []
-        for k in self.agents:
-            action = actions[k]
+        for k, action in enumerate(actions):
             if action is not None and not self.arrived[k]:
                 wanted[k] = self.led(k, action.move)
                 acting.append(k)
         self.cells = self.settled(wanted)
         arrivals = [k for k in acting if self.cells[k] == self._problem.goals[k]]
         inter = self._problem.interactions
-        conflict = miscoordinate(inter, before, self.cells, self.agents)
+        conflict = miscoordinates(inter, before, self.cells)
         rewards = []
         for k, action in enumerate(actions):
-            partners = interacting(inter, before, wanted, self.cells, self.agents, k)
+            others = partners(inter, before, wanted, self.cells, k)
             common = common_reward(self._problem, k, conflict)
-            rewards.append(self._reward(action, k in arrivals, common, partners))
+            rewards.append(self._reward(action, k in arrivals, common, others))
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
@@ -239,13 +233,13 @@ class World:
         return StepOutcome(tuple(rewards), conflict, tuple(arrivals), self.episode_over)
 
     def _reward(
-        self, action: Action | None, home: bool, common: float, partners: int
+        self, action: Action | None, home: bool, common: float, others: int
     ) -> Reward:
         """Return R_k(t)."""
         problem = self._problem
         individual = individual_reward(problem, home)
         cost = asking_reward(problem, action is not None and action.asked)
-        return Reward(individual, common, cost, individual + common + cost, partners)
+        return Reward(individual, common, cost, individual + common + cost, others)
 
     def led(self, k: int, move: int) -> int:
         """Return the cell in which a move of agent k ends in this time step."""
@@ -254,5 +248,5 @@ class World:
     def settled(self, wanted: Sequence[int]) -> list[int]:
         """Return the cells in which agents end, from the cells that they want to enter."""
         cells = list(wanted)
-        settle(self._problem.interactions, self.cells, cells, self.agents)
+        settle(self._problem.interactions, self.cells, cells)
         return cells

@@ -6,34 +6,26 @@ Robot nodes, the verification of logs, films and PettingZoo's tests drive this o
 of `core.runs.loop` call the same functions for all robots of a team.
 """
 
-from array import array
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import (
-    LEARNING,
-    PEER,
-    REPLAY,
-    ROBOT,
-    draw,
-    key_of,
-)
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import LEARNING, PEER, TIE, draw
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.plugins import is_shipped
 from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.game.world import Action, Reward
-from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.learners.mind import Memory, as_lists, memory_of
-from sparse_coord_ros.core.learners.policy import choose, choose_move
-from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, Task, Transition
+from sparse_coord_ros.core.learners.mind import Memory, memory_of, team_mind, with_room
+from sparse_coord_ros.core.learners.rules import (
+    NOT_PERCEIVED,
+    Transition,
+    greedy,
+    scheduled,
+)
 from sparse_coord_ros.core.learners.tables import Tables
 
 NOBODY = -1
@@ -69,34 +61,11 @@ class Choice(NamedTuple):
     perceived: tuple[int, ...] | None
 
 
-class Schedules(NamedTuple):
-    """Numbers by time step or by count, for plain Python: compact, and quick to index.
-
-    Attributes:
-        epsilon: probability of an explored action [time step].
-        floors: least step size [time step].
-        step_sizes: the step size of the n-th update of an entry, without the floor [n].
-    """
-
-    epsilon: Any
-    floors: Any
-    step_sizes: Any
-
-
-@lru_cache(maxsize=8)
-def schedules(epsilon: Spec, step_size: Spec, budget: int) -> Schedules:
-    """Return the schedules of a run; they are kept, as all robots of a process share them."""
-    sizes = step_sizes(step_size, budget)
-    tables = (probabilities(epsilon, budget), sizes.by_step, sizes.by_count)
-    return Schedules(*(array("d", table.tobytes()) for table in tables))
-
-
 DOING = {
     "begin_episode": "beginning an episode",
     "decide": "deciding",
     "act": "acting",
     "values_asking": "acting",
-    "move_if_it_waits": "acting",
     "learn": "learning",
 }
 """What a learner does in the methods of an agent."""
@@ -130,8 +99,8 @@ class Agent:
     Attributes:
         learner, scenario, number, learning: as of the arguments.
         goal: the cell that ends its episodes.
-        task: its task.
-        mind: its learned tables, as lists; they change as it learns.
+        task: its team's task.
+        mind: its team's mind, of which it uses its own part.
         peers: the other robots, in ascending order.
     """
 
@@ -152,35 +121,34 @@ class Agent:
         self.learning = learning
         self.goal = scenario.robots[number].goal
         self.peers = tuple(k for k in range(len(scenario.robots)) if k != number)
-        self._asks_whom = scenario.peers
-        self._weights = learner.weights(scenario)
-        self._schedules = schedules(
-            scenario.epsilon, scenario.step_size, scenario.steps
-        )
-        self._key = key_of(seed, phase, number, ROBOT)
-        self._values = [0.0] * PRIMITIVES
-        self._initial = learner.mind(scenario, number)
-        self.task = learner.task(scenario, number, self._schedules.step_sizes)
-        self.mind = as_lists(self._initial, memory)
+        self.task = learner.task(scenario, seed, phase, learning=learning)
+        self._key = int(self.task.keys[number])
+        self.go_on_from(memory)
         if not is_shipped(learner):
             for name, doing in DOING.items():
                 setattr(self, name, _blaming(learner, doing, getattr(self, name)))
 
+    def go_on_from(self, memory: Memory | None) -> None:
+        """Continue with the memory of another agent of the same run; None: an empty one."""
+        memories = () if memory is None else (memory,)
+        self.mind = team_mind(self.learner, self.scenario, [self.number], memories)
+
     def begin_episode(self) -> None:
         """Begin an episode."""
-        rules.begin_episode(self.mind, self.task)
+        self.learner.begin_episode(self.mind, self.task, self.number)
 
     def decide(self, step: int, cell: int) -> Decision:
-        """Choose A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
-        epsilon = self.epsilon(step)
-        values = self.mind.q_star[cell]
-        action = choose(values, self.task.actions, epsilon, self._key, step)
+        """Choose A_k(t): the learner's way to explore (Algorithm 1, line 4), or greedily."""
+        k = self.number
+        if self.learning:
+            action = self.learner.decide(self.mind, self.task, k, step, cell)
+        else:
+            action = greedy(self.values(cell), len(ACTIONS), self._key, step, TIE)
         if action != COORDINATE:
             return Decision(action)
-        which = draw(self._key, step, PEER)
-        return Decision(
-            action, asked_peers(self._asks_whom, self.number, self.task.robots, which)
-        )
+        chance = draw(self._key, step, PEER)
+        peers = asked_peers(self.scenario.peers, k, self.task.robots, chance)
+        return Decision(action, peers)
 
     def act(
         self,
@@ -199,38 +167,14 @@ class Agent:
         """
         if decision.action != COORDINATE:
             return Action(decision.action, False, NOBODY, False)
-        move = self._move(self.task, step, cell, decision.peers, perceived)
-        return action_of(decision, move, perceived=perceived is not None)
-
-    def move_if_it_waits(
-        self, step: int, cell: int, perceived: tuple[int, ...] | None
-    ) -> int:
-        """Return the move that COORDINATE becomes if the robot does not leave a stand-off.
-
-        `act` returns another move only if the robot leaves a stand-off.
-
-        Args:
-            step: t.
-            cell: X_k(t).
-            perceived: as of `values_asking`.
-        """
-        waiting = self.task._replace(leaves=False)
-        return self._move(waiting, step, cell, self._seen(perceived), perceived)
-
-    def _move(
-        self,
-        task: Task,
-        step: int,
-        cell: int,
-        peers: tuple[int, ...],
-        perceived: tuple[int, ...] | None,
-    ) -> int:
-        """Return the move that COORDINATE becomes; arguments as of `act`."""
-        seen, cells = self._percept(cell, peers, perceived)
-        epsilon = self.epsilon(step)
-        return choose_move(
-            self.mind, task, cell, seen, cells, epsilon, self._key, step, self._values
+        seen, cells = self._percept(cell, decision.peers, perceived)
+        k = self.number
+        values = self.task.row
+        self.learner.asking_values(self.mind, self.task, k, cell, seen, cells, values)
+        move = self.learner.move_after_asking(
+            self.mind, self.task, k, step, cell, seen, cells, values
         )
+        return action_of(decision, move, perceived=perceived is not None)
 
     def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
         """Learn from a transition (Algorithm 1, lines 12 to 18).
@@ -244,12 +188,7 @@ class Agent:
         if not self.learning:
             return
         cell, decision, action, perceived = choice
-        weights = self._weights
         seen, cells = self._percept(cell, decision.peers, perceived)
-        partners = reward.partners if self.learner.partners else UNKNOWN_PARTNERS
-        replay = 0.0
-        if self.learner.draws:
-            replay = draw(self._key, step, REPLAY)
         now = Transition(
             step=step,
             cell=cell,
@@ -258,26 +197,36 @@ class Agent:
             seen=seen,
             cells=cells,
             next_cell=next_cell,
-            next_seen=0,
             next_cells=cells,
-            individual=weights.individual * reward.individual,
-            common=weights.common * reward.common,
-            felt=reward.common,
-            asking=weights.ask_cost * reward.ask_cost,
-            partners=partners,
-            epsilon=self.epsilon(step),
-            floor=self._scheduled(self._schedules.floors, step),
-            draw=replay,
+            individual=reward.individual,
+            common=reward.common,
+            asking=reward.ask_cost,
+            partners=reward.partners if self.learner.partners else UNKNOWN_PARTNERS,
         )
-        rules.learn(self.mind, self.task, now)
+        after = self.task.goal_value
+        if next_cell != self.goal:
+            after = self.learner.bootstrap(
+                self.mind, self.task, self.number, next_cell, now
+            )
+        self.learner.learn(self.mind, self.task, self.number, now, after)
+        if self.task.full[0]:
+            self.mind = with_room(self.mind)
+            self.task.full[0] = False
 
     def epsilon(self, step: int) -> float:
         """Return the probability of exploring at a time step; 0 without learning."""
-        return self._scheduled(self._schedules.epsilon, step) if self.learning else 0.0
+        return scheduled(self.task.epsilon, step) if self.learning else 0.0
+
+    @property
+    def q_star(self) -> np.ndarray:
+        """Q*, shape (cells, actions); a copy."""
+        q_star: np.ndarray = self.mind.q_star[self.number].copy()
+        return q_star
 
     def values(self, cell: int) -> list[float]:
         """Return Q*(cell, .)."""
-        return list(self.mind.q_star[cell])
+        values: list[float] = self.mind.q_star[self.number, cell].tolist()
+        return values
 
     def values_asking(
         self, cell: int, perceived: tuple[int, ...] | None
@@ -289,14 +238,19 @@ class Agent:
             perceived: the local states of the asked peers, in their order (of one peer of several
                 it does not matter which it is); None where ActivePercept is FALSE.
         """
-        seen, cells = self._percept(cell, self._seen(perceived), perceived)
-        rules.asking_values(self.mind, self.task, cell, seen, cells, self._values)
-        return list(self._values)
+        peers = () if perceived is None else self.peers[: len(perceived)]
+        seen, cells = self._percept(cell, peers, perceived)
+        values = [0.0] * PRIMITIVES
+        self.learner.asking_values(
+            self.mind, self.task, self.number, cell, seen, cells, values
+        )
+        return [float(value) for value in values]
 
     @property
     def asked_in(self) -> np.ndarray:
         """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
-        return np.array([row[COORDINATE] for row in self.mind.updates], dtype=np.int64)
+        asked: np.ndarray = self.mind.updates[self.number, :, COORDINATE].copy()
+        return asked
 
     @property
     def tables(self) -> Tables:
@@ -305,15 +259,7 @@ class Agent:
 
     def memory(self) -> dict[str, np.ndarray]:
         """Return the memory, a copy."""
-        return memory_of(self.mind)
-
-    def go_on_from(self, memory: Memory) -> None:
-        """Continue with the memory of another agent of the same run, after a check."""
-        self.mind = as_lists(self._initial, memory)
-
-    def _seen(self, perceived: tuple[int, ...] | None) -> tuple[int, ...]:
-        """Return peers that are in these cells, as of `values_asking`."""
-        return () if perceived is None else self.peers[: len(perceived)]
+        return memory_of(self.learner, self.mind, self.number)
 
     def _percept(
         self, cell: int, peers: tuple[int, ...], perceived: tuple[int, ...] | None
@@ -327,11 +273,6 @@ class Agent:
                 seen |= 1 << peer
                 cells[peer] = place
         return seen, cells
-
-    @staticmethod
-    def _scheduled(values: Any, step: int) -> float:
-        found: float = values[min(step, len(values) - 1)]
-        return found
 
 
 def action_of(decision: Decision, move: int, *, perceived: bool) -> Action:

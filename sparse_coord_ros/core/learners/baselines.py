@@ -13,7 +13,6 @@ from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     copy_moves,
-    expected,
     greatest,
     ql_update,
     reward_of,
@@ -33,7 +32,7 @@ class NonCoop(Learner):
         """The learned tables of a robot.
 
         Attributes:
-            q_star: Q* [cell][action]; NaN for COORDINATE.
+            q_star: Q*_k(x, a) [k, x, action]; NaN for COORDINATE.
             updates: how often each entry of it was updated.
         """
 
@@ -41,31 +40,31 @@ class NonCoop(Learner):
         updates: Any
 
     @staticmethod
-    def initial(scenario: Scenario, robot: int) -> Mind:
+    def initial(scenario: Scenario, robot: int) -> Any:
         """Return the table before learning."""
         q_star = np.full((len(scenario.map.cells), len(ACTIONS)), scenario.q_star_init)
         q_star[:, COORDINATE] = np.nan
-        return NonCoop.Mind(q_star, np.zeros(q_star.shape, dtype=np.int32))
+        return NonCoop.Mind(q_star, np.zeros(q_star.shape, dtype=np.int64))
 
     @staticmethod
     def asking_values(
-        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
         """Set the values of Q*, whatever is perceived."""
-        copy_moves(mind.q_star[cell], values)
+        copy_moves(mind.q_star[k, cell], values)
 
     @staticmethod
-    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+    def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:
         """Return the maximum of Q*(cell, .) over the moves."""
-        return greatest(mind.q_star[cell], PRIMITIVES)
+        return greatest(mind.q_star[k, cell], PRIMITIVES)
 
     @staticmethod
-    def learn(mind: Mind, task: Task, now: Transition) -> None:
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
         """Update Q* (equation 3)."""
-        after = expected(mind, task, now)
-        values = mind.q_star[now.cell]
-        updates = mind.updates[now.cell]
-        ql_update(values, updates, now.action, task, now.floor, reward_of(now), after)
+        values = mind.q_star[k, now.cell]
+        updates = mind.updates[k, now.cell]
+        reward = reward_of(task, now)
+        ql_update(values, updates, now.action, task, now.step, reward, after)
 
 
 class Indiv(NonCoop):

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Algorithm 1 of Melo & Veloso (AAMAS 2009): Q* over the own cell, Q^C over joint states.
 
-The lines are those of Algorithm 1. Lines 2 to 5, 11, 16, 19 and 20 are the caller's: exploration,
-random draws and time (`core.learners.policy`, `core.runs.loop`, the robot's node).
+The lines are those of Algorithm 1. Lines 2 to 5, 11, 16, 19 and 20 are the caller's: random
+draws, percepts and time (`core.runs.loop`, or the robot's node).
 """
 
 from typing import Any, NamedTuple
@@ -16,18 +16,16 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import known_q_star
-from sparse_coord_ros.core.learners.mind import Rows, empty_rows, read
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     copy_moves,
-    expected,
     greatest,
     joint_state,
     ql_update,
     reward_of,
-    row_of_state,
 )
+from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 MOST_JOINT_STATES = 2**63
 """Joint states are numbered by 64-bit integers."""
@@ -41,17 +39,17 @@ class Coop(Learner):
     summary = "Algorithm 1"
 
     class Mind(NamedTuple):
-        """The learned tables of a robot.
+        """The learned tables; k is a robot, x its cell.
 
         Attributes:
-            q_star: Q* [cell][action].
+            q_star: Q*_k(x, a) [k, x, action].
             updates: how often each entry of it was updated.
-            q_coord: Q^C: a row [move] for each joint state that was perceived.
+            q_coord: Q^C_k: a row [move] for each joint state that was perceived.
         """
 
         q_star: Any
         updates: Any
-        q_coord: Rows
+        q_coord: Table
 
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` if there are too many joint states to number."""
@@ -65,52 +63,54 @@ class Coop(Learner):
             )
 
     @staticmethod
-    def initial(scenario: Scenario, robot: int) -> Mind:
-        """Return the tables before learning (line 1)."""
+    def initial(scenario: Scenario, robot: int) -> Any:
+        """Return a robot's tables before learning (line 1)."""
         cells = len(scenario.map.cells)
         first = np.full((1, PRIMITIVES), scenario.q_coord_init)
         return Coop.Mind(
             q_star=np.full((cells, len(ACTIONS)), scenario.q_star_init),
-            updates=np.zeros((cells, len(ACTIONS)), dtype=np.int32),
-            q_coord=empty_rows(cells**scenario.perceived, first),
+            updates=np.zeros((cells, len(ACTIONS)), dtype=np.int64),
+            q_coord=table(cells**scenario.perceived, first),
         )
 
     @staticmethod
     def informed(
-        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
-    ) -> Mind:
+        mind: Any, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Any:
         """Return the tables of a robot that knows its map: rows of Q^C begin there, too."""
         q_star = known_q_star(scenario, robot, weights, mind.q_star)
-        q_coord = empty_rows(mind.q_coord.most, q_star[:, :PRIMITIVES])
+        q_coord = table(mind.q_coord.most, q_star[:, :PRIMITIVES])
         return mind._replace(q_star=q_star, q_coord=q_coord)
 
     @staticmethod
     def asking_values(
-        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
         """Set the values by which COORDINATE chooses a move."""
         if seen == 0:
-            copy_moves(mind.q_star[cell], values)  # line 9
+            copy_moves(mind.q_star[k, cell], values)  # line 9
             return
-        read(mind.q_coord, joint_state(task, cell, seen, cells), values)  # line 7
+        state = joint_state(task, k, cell, seen, cells)
+        row = find(mind.q_coord, k, state)
+        copy_moves(mind.q_coord.values[k, row], values)  # line 7
 
     @staticmethod
-    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+    def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:
         """Return max_b Q*(cell, b)."""
-        return greatest(mind.q_star[cell], len(ACTIONS))
+        return greatest(mind.q_star[k, cell], task.actions)
 
     @staticmethod
-    def learn(mind: Mind, task: Task, now: Transition) -> None:
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
         """Update Q^C if a peer was perceived, then Q*."""
-        reward = reward_of(now)
-        after = expected(mind, task, now)
+        reward = reward_of(task, now)
         if now.seen != 0:  # line 12
-            row = row_of_state(mind.q_coord, task, now.cell, now.seen, now.cells)
-            values = mind.q_coord.values[row]
-            updates = mind.q_coord.updates[row]
+            state = joint_state(task, k, now.cell, now.seen, now.cells)
+            row = met(mind.q_coord, task, k, state)
+            values = mind.q_coord.values[k, row]
+            updates = mind.q_coord.updates[k, row]
             # line 13
-            ql_update(values, updates, now.move, task, now.floor, reward, after)
-        values = mind.q_star[now.cell]
-        updates = mind.updates[now.cell]
+            ql_update(values, updates, now.move, task, now.step, reward, after)
+        values = mind.q_star[k, now.cell]
+        updates = mind.updates[k, now.cell]
         # line 18
-        ql_update(values, updates, now.action, task, now.floor, reward, after)
+        ql_update(values, updates, now.action, task, now.step, reward, after)

@@ -27,28 +27,28 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import (
+    BLIND_ACTION,
+    BLIND_EXPLORE,
+    MOVE_TIE,
+    draw,
+)
 from sparse_coord_ros.core.game.scenario import Scenario, is_sparse
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
-from sparse_coord_ros.core.learners.mind import (
-    NO_ROW,
-    Rows,
-    empty_rows,
-    find,
-    place,
-    read,
-)
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     Values,
     copy_moves,
-    expected,
     greatest,
+    greedy,
     ql_update,
     reward_of,
+    scheduled,
 )
+from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 MARK = 1.0
 """How far COORDINATE is above the best move in marked cells, and below it in others."""
@@ -87,7 +87,7 @@ class CQ(Learner):
 
         q_star: Any
         updates: Any
-        q_coord: Rows
+        q_coord: Table
         samples: Any
 
     def check(self, scenario: Scenario) -> None:
@@ -109,7 +109,7 @@ class CQ(Learner):
         return super().weights(scenario)._replace(ask_cost=0.0)
 
     @staticmethod
-    def initial(scenario: Scenario, robot: int) -> Mind:
+    def initial(scenario: Scenario, robot: int) -> Any:
         """Return tables without knowledge; no cell is marked."""
         cells = len(scenario.map.cells)
         pairs = CQ().rows_of_a_cell(scenario)
@@ -117,109 +117,105 @@ class CQ(Learner):
         q_star = np.zeros((cells, len(ACTIONS)))
         return CQ.Mind(
             q_star=q_star,
-            updates=np.zeros(q_star.shape, dtype=np.int32),
-            q_coord=empty_rows(cells * pairs, np.zeros((1, PRIMITIVES)), seen),
+            updates=np.zeros(q_star.shape, dtype=np.int64),
+            q_coord=table(cells * pairs, np.zeros((1, PRIMITIVES)), seen),
             samples=np.zeros((cells, PRIMITIVES + pairs, 3)),
         )
 
     @staticmethod
     def informed(
-        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
-    ) -> Mind:
+        mind: Any, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Any:
         """Return the tables of a robot that knows its map: Q* of a robot alone."""
         alone = lone_values(scenario, robot, weight=weights.individual)
         return mind._replace(
             q_star=np.column_stack([alone, alone.max(axis=1) - MARK]),
-            q_coord=empty_rows(mind.q_coord.most, alone, mind.q_coord.a_step),
+            q_coord=table(mind.q_coord.most, alone, mind.q_coord.a_step),
         )
 
     @staticmethod
     def asking_values(
-        mind: Mind, task: Task, cell: int, seen: int, cells: Any, values: Any
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
         """Set the values of Q^C, the least of all peers that are perceived, else those of Q*."""
         if seen == 0:
-            copy_moves(mind.q_star[cell], values)
+            copy_moves(mind.q_star[k, cell], values)
             return
         first = True
         for j in range(task.robots):
             if (seen >> j) & 1:
-                key = pair_key(mind, task, cell, j, cells)
-                if first:
-                    read(mind.q_coord, key, values)
-                else:
-                    lower(mind, cell, key, values)
+                row = find(mind.q_coord, k, pair_key(mind, task, k, cell, j, cells))
+                for b in range(PRIMITIVES):
+                    value = mind.q_coord.values[k, row, b]
+                    if first or value < values[b]:
+                        values[b] = value
                 first = False
 
     @staticmethod
-    def explores(mind: Mind, task: Task, seen: int) -> bool:
-        """Return True: the move after COORDINATE is explored as any other."""
-        return True
+    def move_after_asking(
+        mind: Any,
+        task: Task,
+        k: int,
+        step: int,
+        cell: int,
+        seen: int,
+        cells: Any,
+        values: Values,
+    ) -> int:
+        """Return the move that COORDINATE becomes, which is explored as any other."""
+        key = task.keys[k]
+        if task.learning:
+            if draw(key, step, BLIND_EXPLORE) < scheduled(task.epsilon, step):
+                return int(draw(key, step, BLIND_ACTION) * PRIMITIVES)
+        return greedy(values, PRIMITIVES, key, step, MOVE_TIE)
 
     @staticmethod
-    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+    def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:
         """Return the maximum of Q*(cell, .) over the moves."""
-        return greatest(mind.q_star[cell], PRIMITIVES)
+        return greatest(mind.q_star[k, cell], PRIMITIVES)
 
     @staticmethod
-    def learn(mind: Mind, task: Task, now: Transition) -> None:
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
         """Sample the reward; learn Q^C in joint states that are marked."""
         cell = now.cell
-        mind.updates[cell][now.action] += 1
-        values = mind.q_star[cell]
-        samples = mind.samples[cell]
+        mind.updates[k, cell, now.action] += 1
+        values = mind.q_star[k, cell]
+        common = task.weights[1] * now.common
         if now.action != COORDINATE:
-            if not is_marked(values) and differs(samples[now.move], now.common):
+            if not is_marked(values) and differs(
+                mind.samples[k, cell, now.move], common
+            ):
                 values[COORDINATE] = greatest(values, PRIMITIVES) + MARK
             return
+        pairs = mind.samples.shape[2] - PRIMITIVES
         for j in range(task.robots):
             if (now.seen >> j) & 1:
-                learn_pair(mind, task, now, j)
+                key = pair_key(mind, task, k, cell, j, now.cells)
+                if differs(mind.samples[k, cell, PRIMITIVES + key % pairs], common):
+                    row = met(mind.q_coord, task, k, key)
+                    values = mind.q_coord.values[k, row]
+                    updates = mind.q_coord.updates[k, row]
+                    reward = reward_of(task, now)
+                    ql_update(values, updates, now.move, task, now.step, reward, after)
 
 
 @inner
-def pair_key(mind: Any, task: Task, cell: int, peer: int, cells: Any) -> int:
+def pair_key(mind: Any, task: Task, k: int, cell: int, peer: int, cells: Any) -> int:
     """Return the number of the joint state with a peer, of all own cells.
 
     Args:
-        mind: the robot's mind.
+        mind: the team's mind.
         task: its task.
+        k: the robot.
         cell: its own cell.
         peer: the peer, which is told apart from others with `peers: all`.
         cells: the cells of all robots.
     """
-    pairs = len(mind.samples[cell]) - PRIMITIVES
-    key: int = cell * pairs + cells[peer]
+    pairs = mind.samples.shape[2] - PRIMITIVES
+    key = cell * pairs + int(cells[peer])
     if pairs > task.cells:
         key += peer * task.cells
     return key
-
-
-@inner
-def lower(mind: Any, cell: int, key: int, values: Any) -> None:
-    """Lower the values of the moves to those of a joint state, where these are less."""
-    row = find(mind.q_coord, key)
-    for b in range(PRIMITIVES):
-        value = mind.q_star[cell][b]
-        if row != NO_ROW:
-            value = mind.q_coord.values[row][b]
-        if value < values[b]:
-            values[b] = value
-
-
-@inner
-def learn_pair(mind: Any, task: Task, now: Transition, peer: int) -> None:
-    """Sample the reward of a joint state with a peer; learn its Q^C if it is marked."""
-    key = pair_key(mind, task, now.cell, peer, now.cells)
-    samples = mind.samples[now.cell]
-    pairs = len(samples) - PRIMITIVES
-    if differs(samples[PRIMITIVES + key % pairs], now.common):
-        after = expected(mind, task, now)
-        reward = reward_of(now)
-        row = place(mind.q_coord, key)
-        values = mind.q_coord.values[row]
-        updates = mind.q_coord.updates[row]
-        ql_update(values, updates, now.move, task, now.floor, reward, after)
 
 
 @inner

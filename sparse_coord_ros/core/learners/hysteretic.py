@@ -14,15 +14,16 @@ alpha, and alpha is the step size of every learner.
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import of_learner
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    expected,
     reward_of,
     step_size,
 )
+
+SHARE_OF_ALPHA = 0.5
+"""beta / alpha."""
 
 
 class Hysteretic(NonCoop):
@@ -35,26 +36,15 @@ class Hysteretic(NonCoop):
     )
 
     @staticmethod
-    def share_of_alpha(mind: Any, task: Task) -> float:
-        """Return beta / alpha."""
-        return 0.5
-
-    @staticmethod
-    def learn(mind: Any, task: Task, now: Transition) -> None:
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
         """Update Q*."""
-        values = mind.q_star[now.cell]
-        updates = mind.updates[now.cell]
-        count = updates[now.action] + 1
+        values = mind.q_star[k, now.cell]
+        updates = mind.updates[k, now.cell]
+        count = int(updates[now.action]) + 1
         updates[now.action] = count
-        target = reward_of(now) + task.discount * expected(mind, task, now)
-        error = target - values[now.action]
-        alpha = step_size(task, count, now.floor)
+        target = reward_of(task, now) + task.discount * after
+        error = target - float(values[now.action])
+        alpha = step_size(task, count, now.step)
         if error < 0.0:
-            alpha *= share_of_alpha(mind, task)
+            alpha *= SHARE_OF_ALPHA
         values[now.action] += alpha * error
-
-
-@of_learner
-def share_of_alpha(mind: Any, task: Task) -> float:
-    """As `Hysteretic.share_of_alpha`."""
-    raise NotImplementedError

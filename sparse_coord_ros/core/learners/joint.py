@@ -19,19 +19,18 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
-from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
-from sparse_coord_ros.core.learners.mind import Rows, empty_rows, place, read
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    expected,
+    copy_moves,
     greatest,
     joint_state,
     ql_update,
     reward_of,
 )
+from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 MARK = 1.0
 """How far COORDINATE is above the best move."""
@@ -45,25 +44,19 @@ class Joint(Learner):
     summary = "Q-learning of two robots on the joint state, which both always know"
     sees_all = True
     needs_map = True
-    scratch = ("price", "row")
-    given = ("price",)
 
     class Mind(NamedTuple):
         """The learned tables of a robot.
 
         Attributes:
-            q_star: Q* of a lone robot that asks everywhere [cell][action].
+            q_star: Q* of a lone robot that asks everywhere [k, x, action].
             updates: how often it has learned in each cell, in the column of COORDINATE.
             q_coord: Q^C: a row [move] for each joint state.
-            price: the cost of a step [0].
-            row: space for a row [move].
         """
 
         q_star: Any
         updates: Any
-        q_coord: Rows
-        price: Any
-        row: Any
+        q_coord: Table
 
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` unless two robots know their map and can always see each other."""
@@ -81,51 +74,55 @@ class Joint(Learner):
         return super().weights(scenario)._replace(ask_cost=0.0)
 
     @staticmethod
-    def initial(scenario: Scenario, robot: int) -> Mind:
+    def initial(scenario: Scenario, robot: int) -> Any:
         """Return tables without knowledge."""
         cells = len(scenario.map.cells)
         q_star = np.zeros((cells, len(ACTIONS)))
         return Joint.Mind(
             q_star=q_star,
-            updates=np.zeros(q_star.shape, dtype=np.int32),
-            q_coord=empty_rows(cells * cells, np.zeros((1, PRIMITIVES))),
-            price=np.array([scenario.ask_cost]),
-            row=np.zeros(PRIMITIVES),
+            updates=np.zeros(q_star.shape, dtype=np.int64),
+            q_coord=table(cells * cells, np.zeros((1, PRIMITIVES))),
         )
 
     @staticmethod
     def informed(
-        mind: Mind, scenario: Scenario, robot: int, weights: RewardWeights
-    ) -> Mind:
+        mind: Any, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Any:
         """Return the tables of a robot that knows its map: values of one that asks everywhere."""
         alone = lone_values(
             scenario, robot, scenario.ask_cost, weight=weights.individual
         )
         return mind._replace(
             q_star=np.column_stack([alone, alone.max(axis=1) + MARK]),
-            q_coord=empty_rows(mind.q_coord.most, alone),
+            q_coord=table(mind.q_coord.most, alone),
         )
 
-    asking_values = staticmethod(Coop.asking_values)
-    """As Algorithm 1: by Q^C after an answer, else by Q*."""
+    @staticmethod
+    def asking_values(
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values of Q^C, as Algorithm 1; after a failed percept those of Q*."""
+        if seen == 0:
+            copy_moves(mind.q_star[k, cell], values)
+            return
+        state = joint_state(task, k, cell, seen, cells)
+        row = find(mind.q_coord, k, state)
+        copy_moves(mind.q_coord.values[k, row], values)
 
     @staticmethod
-    def bootstrap(mind: Mind, task: Task, cell: int, now: Transition) -> float:
+    def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:
         """Return max_b Q^C(y, z', b)."""
-        read(
-            mind.q_coord,
-            joint_state(task, cell, now.next_seen, now.next_cells),
-            mind.row,
-        )
-        return greatest(mind.row, PRIMITIVES)
+        state = joint_state(task, k, cell, now.seen, now.next_cells)
+        row = find(mind.q_coord, k, state)
+        return greatest(mind.q_coord.values[k, row], PRIMITIVES)
 
     @staticmethod
-    def learn(mind: Mind, task: Task, now: Transition) -> None:
-        """Update Q^C of the joint state, by the next joint state."""
-        after = expected(mind, task, now)
-        reward = reward_of(now) - mind.price[0]
-        row = place(mind.q_coord, joint_state(task, now.cell, now.seen, now.cells))
-        values = mind.q_coord.values[row]
-        updates = mind.q_coord.updates[row]
-        ql_update(values, updates, now.move, task, now.floor, reward, after)
-        mind.updates[now.cell][COORDINATE] += 1
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
+        """Update Q^C of the joint state, by the next joint state; each step costs a question."""
+        state = joint_state(task, k, now.cell, now.seen, now.cells)
+        row = met(mind.q_coord, task, k, state)
+        values = mind.q_coord.values[k, row]
+        updates = mind.q_coord.updates[k, row]
+        reward = reward_of(task, now) - task.ask_cost
+        ql_update(values, updates, now.move, task, now.step, reward, after)
+        mind.updates[k, now.cell, COORDINATE] += 1

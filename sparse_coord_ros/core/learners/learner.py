@@ -1,14 +1,15 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The base class of learners: its static methods read and write one robot's mind.
+"""The base class of learners: hooks, which are plain functions over the arrays of a mind.
 
-The methods run on lists in a robot node and in plain Python, and on arrays in the compiled loops:
-they may index (`mind.q_star[cell][b]`), compute and call functions marked by `compiling.inner`,
-and create no objects. A user's own learner overrides one or more of them; further memory is
-declared in `memory`. See examples/own_learner.py and docs/tutorials/own_learner.md.
+A robot node, the log and plain Python call the hooks; `core.runs.loop` makes a loop of them, which
+numba compiles. So they may index (`mind.q_star[k, cell, b]`), compute, and call functions that are
+marked by `compiling.inner`; they make no objects. A user's own learner overrides one or more of
+them. See examples/own_learner.py and docs/tutorials/own_learner.md.
 """
 
 import functools
+import inspect
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -21,23 +22,23 @@ import numpy as np
 from sparse_coord_ros.base.compiling import inner
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import INITIAL_VALUES, SETTINGS, Scenario
+from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.lone import known_q_star
-from sparse_coord_ros.core.learners.mind import Memory, mind_class
+from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    map_samples,
-    replays_of,
+    Values,
+    epsilon_greedy,
+    greedy,
 )
-
-MemoryMaker = Callable[[Scenario, int], np.ndarray]
-"""Makes an array of a mind before learning, of a scenario and a robot (from 0)."""
 
 
 def _guarded(
@@ -88,6 +89,52 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
 """The methods of a learner of one's own that are checked."""
 
 
+MAP_SAMPLES = 20
+"""For how many samples of each move the map counts in a robot's model of where moves lead."""
+
+REPLAYS = 8
+"""Replays of each step where the map is known, or large."""
+
+LARGE_MAP = 1000
+"""Cells from which on one replay of each step is too little to bring values over a long way."""
+
+
+def map_samples(scenario: Scenario) -> int:
+    """Return `Task.map_samples`."""
+    return MAP_SAMPLES if scenario.prior == "map" else 0
+
+
+def replays_of(scenario: Scenario) -> int:
+    """Return `Task.replays`."""
+    if scenario.prior == "map" or len(scenario.map.cells) >= LARGE_MAP:
+        return REPLAYS
+    return 1
+
+
+def _check_hook(learner: type, name: str, function: Callable[..., Any]) -> None:
+    """Raise `TypeError` unless a hook takes the parameters of its contract."""
+    wanted = list(inspect.signature(getattr(Learner, name)).parameters)
+    found = list(inspect.signature(function).parameters)
+    if len(found) != len(wanted):
+        raise TypeError(
+            f"class {learner.__name__}: {name} takes ({', '.join(found)}), allowed: "
+            f"({', '.join(wanted)})"
+        )
+
+
+HOOKS = (
+    "initial",
+    "informed",
+    "begin_episode",
+    "decide",
+    "asking_values",
+    "move_after_asking",
+    "bootstrap",
+    "learn",
+)
+"""The functions of a learner that its loop, its robots and its files call."""
+
+
 class Learner:
     """One learner: its names, what it needs, and how its robots choose and learn.
 
@@ -100,15 +147,15 @@ class Learner:
             Such a learner cannot run live.
         sees_all: whether its robots see all others in every step, asked or not. Such a learner
             cannot run live either.
-        draws: whether it needs a random number in each step (`Transition.draw`).
         partners: whether it uses the peers with which a robot interacted
             (`Transition.partners`).
         rules_out: whether it uses `Task.sight` to rule out cells of a peer after a failed percept.
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
         defaults: values of scenario settings that neither the scenario nor the user chose;
             `run.yaml` records each value used.
-        Mind: the named tuple of a robot's memory; `initial` fills it.
-        memory: further fields of it, each with a function that makes its array before learning.
+        Mind: the named tuple of what its robots remember: `q_star`, `updates` and what else it
+            needs. `initial` returns that of one robot; the arrays of a team have the robot as
+            their first axis.
         values: fields with learned values, without counts; another run can begin with them.
         given: fields that `initial` computes again; files and logs leave them out.
         scratch: fields without meaning between two calls; likewise left out.
@@ -122,71 +169,61 @@ class Learner:
     asks: bool = True
     alone: bool = False
     sees_all: bool = False
-    draws: bool = False
     partners: bool = False
     rules_out: bool = False
     needs_map: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
-    memory: Mapping[str, MemoryMaker] = MappingProxyType({})
     values: tuple[str, ...] = ("q_star", "q_coord")
     given: tuple[str, ...] = ()
     scratch: tuple[str, ...] = ()
     entry_point: str | None = None
 
     def __init_subclass__(cls, **more: object) -> None:
-        """Give the class its names and its class of minds."""
+        """Check the names of a new class, and let compiled loops call its hooks.
+
+        Raises:
+            TypeError: the class has a public name that is none of a learner's, or a hook with
+                other parameters.
+        """
         super().__init_subclass__(**more)
         for attribute in ("name", "title", "summary"):
             if attribute not in vars(cls):
                 setattr(cls, attribute, getattr(Learner, attribute))
-        own = [name for name in vars(cls).get("memory", {}) if cls._is_new(name)]
-        functions = [one for one in vars(cls).values() if isinstance(one, staticmethod)]
-        for function in functions:  # so that those of a subclass can call it
-            inner(function.__func__)
-        if own or functions:  # else compiled loops of its base class are its own, too
-            cls.Mind = mind_class(cls, (*cls.Mind._fields, *own))
+        for name, value in list(vars(cls).items()):
+            if name in HOOKS:
+                function = getattr(value, "__func__", value)
+                _check_hook(cls, name, function)
+                setattr(cls, name, staticmethod(inner(function)))
+            elif (
+                not name.startswith("_")
+                and not hasattr(Learner, name)
+                and name != "Mind"
+            ):
+                raise TypeError(
+                    f"class {cls.__name__}: {name!r} is nothing that a learner has; its "
+                    f"functions are {', '.join(HOOKS)}; let names of your own begin with '_'"
+                )
         if not is_shipped(cls):
             for name, check in CHECKS.items():
                 if name in vars(cls):
                     setattr(cls, name, _guarded(vars(cls)[name], name, check))
 
-    @classmethod
-    def _is_new(cls, name: str) -> bool:
-        """Return whether a name of `memory` is a new field; a base class may have named it, too.
-
-        Raises:
-            TypeError: it is the name of a field of another kind.
-        """
-        if name not in cls.Mind._fields:
-            return True
-        if any(name in vars(one).get("memory", {}) for one in cls.__mro__[1:]):
-            return False
-        raise TypeError(
-            f"class {cls.__name__}: memory {name!r} is the name of another table of its base "
-            "class; choose another name"
-        )
-
-    @property
-    def own_memory(self) -> Mapping[str, MemoryMaker]:
-        """The fields that the class and its base classes add to the mind by `memory`."""
-        found: dict[str, MemoryMaker] = {}
-        for one in reversed(type(self).__mro__):
-            found |= vars(one).get("memory", {})
-        return found
-
-    # One robot.
+    # Its hooks: k is a robot (from 0), and the arrays of a mind have the robot as first axis.
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Any:
-        """Return a robot's mind (from 0) before learning, as arrays (Algorithm 1, line 1)."""
+        """Return what a robot remembers before learning, a `Mind` (Algorithm 1, line 1).
+
+        Its arrays are those of one robot, without the axis of the robots.
+        """
         raise NotImplementedError
 
     @staticmethod
     def informed(
         mind: Any, scenario: Scenario, robot: int, weights: RewardWeights
     ) -> Any:
-        """Return the mind, before learning, of a robot that knows its map (`prior: map`).
+        """Return what a robot that knows its map remembers before learning (`prior: map`).
 
         Unless changed Q* begins at the values of a robot alone.
 
@@ -199,18 +236,34 @@ class Learner:
         return mind._replace(q_star=known_q_star(scenario, robot, weights, mind.q_star))
 
     @staticmethod
-    def begin_episode(mind: Any, task: Task) -> None:
+    def begin_episode(mind: Any, task: Task, k: int) -> None:
         """Begin an episode."""
 
     @staticmethod
+    def decide(mind: Any, task: Task, k: int, step: int, cell: int) -> int:
+        """Return A_k(t) of a robot that learns (Algorithm 1, line 4): it explores by epsilon.
+
+        A robot that does not learn takes the greedy action, whatever the learner is.
+
+        Args:
+            mind: the team's mind.
+            task: its task; `draw(task.keys[k], step, column)` is a random number.
+            k: the robot.
+            step: the time step t.
+            cell: X_k(t).
+        """
+        return epsilon_greedy(mind.q_star[k, cell], task, k, step)
+
+    @staticmethod
     def asking_values(
-        mind: Any, task: Task, cell: int, seen: int, cells: Any, values: Any
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
         """Set the values by which COORDINATE chooses a move (Algorithm 1, lines 6 to 10).
 
         Args:
-            mind: the robot's mind.
+            mind: the team's mind.
             task: its task.
+            k: the robot.
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
             cells: the cells of all robots; those of peers that are not seen mean nothing.
@@ -219,45 +272,46 @@ class Learner:
         raise NotImplementedError
 
     @staticmethod
-    def explores(mind: Any, task: Task, seen: int) -> bool:
-        """Return whether the move after COORDINATE is explored, too: in the paper never."""
-        return False
-
-    @staticmethod
-    def way_out(
+    def move_after_asking(
         mind: Any,
         task: Task,
+        k: int,
         step: int,
         cell: int,
         seen: int,
         cells: Any,
-        values: Any,
-        move: int,
+        values: Values,
     ) -> int:
-        """Return the move by which the robot may leave a stand-off; `move`: it is in none.
-
-        It is called where `leaves_stand_offs`, in the paper never.
+        """Return the move that COORDINATE becomes: in the paper the greedy one (lines 7 and 9).
 
         Args:
-            mind: the robot's mind.
-            task: its task.
-            step: the time step t, in which it asks.
+            mind: the team's mind.
+            task: its task; `task.learning` says whether the robot learns.
+            k: the robot.
+            step: the time step t.
             cell: X_k(t).
-            seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
-            cells: the cells of all robots; those of peers that are not seen mean nothing.
-            values: of the moves, as of `asking_values`.
-            move: the best move.
+            seen: as of `asking_values`.
+            cells: likewise.
+            values: what `asking_values` set.
         """
-        return move
+        return greedy(values, PRIMITIVES, task.keys[k], step, MOVE_TIE)
 
     @staticmethod
-    def bootstrap(mind: Any, task: Task, cell: int, now: Transition) -> float:
-        """Return the expected return from a cell that is not the goal."""
+    def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:
+        """Return the expected return from X_k(t+1), which is not the goal."""
         raise NotImplementedError
 
     @staticmethod
-    def learn(mind: Any, task: Task, now: Transition) -> None:
-        """Learn from a transition (Algorithm 1, lines 12 to 14 and 18)."""
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
+        """Learn from a transition (Algorithm 1, lines 12 to 14 and 18).
+
+        Args:
+            mind: the team's mind, changed.
+            task: its task.
+            k: the robot.
+            now: the transition.
+            after: what `bootstrap` returned; at the goal its value.
+        """
         raise NotImplementedError
 
     # Its name.
@@ -287,6 +341,15 @@ class Learner:
                 "class in a module (a file), or give it an attribute 'name' and register it"
             )
         return label
+
+    @property
+    def rule(self) -> Any:
+        """The class with its hooks, of which a loop is made: itself, or a base class."""
+        own = (*HOOKS, "sees_all", "partners")
+        for one in type(self).__mro__:
+            if any(name in vars(one) for name in own):
+                return one
+        return Learner
 
     @property
     def runs_live(self) -> bool:
@@ -331,10 +394,6 @@ class Learner:
                 "prior_success out"
             )
 
-    def leaves_stand_offs(self, scenario: Scenario) -> bool:
-        """Return whether its robots leave stand-offs, by `way_out`."""
-        return False
-
     def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
         """Raise `ValueError` where a robot (from 0) of another scenario learned this memory.
 
@@ -352,56 +411,59 @@ class Learner:
         """
         return RewardWeights(1.0, scenario.common_weight, 1.0)
 
-    def task(self, scenario: Scenario, robot: int, step_sizes: Any = ()) -> Task:
-        """Return the task of a robot (from 0).
+    def task(
+        self,
+        scenario: Scenario,
+        seed: int = 0,
+        phase: int = LEARNING,
+        *,
+        learning: bool = False,
+    ) -> Task:
+        """Return the task of a team.
 
         Args:
             scenario: the problem.
-            robot: the robot.
-            step_sizes: as of `Task`; empty for a robot that does not learn.
+            seed: the run's seed.
+            phase: LEARNING or EVALUATION: which random draws the robots use.
+            learning: whether the robots learn.
         """
         weights = self.weights(scenario)
         inter = interactions_of(scenario)
         sight = BLIND
         if self.rules_out:
             sight = sight_of(scenario.perception, scenario.map)
+        sizes = step_sizes(scenario.step_size, scenario.steps)
         return Task(
-            number=robot,
             robots=len(scenario.robots),
             cells=len(scenario.map.cells),
-            goal=scenario.robots[robot].goal,
+            goals=np.array([robot.goal for robot in scenario.robots]),
             actions=len(ACTIONS) if self.asks else PRIMITIVES,
             discount=scenario.discount,
             goal_value=scenario.goal_value,
-            goal_reward=weights.individual * scenario.goal_reward,
-            ask_cost=weights.ask_cost * scenario.ask_cost,
-            credit=weights.common,
-            step_sizes=step_sizes,
+            goal_reward=scenario.goal_reward,
+            ask_cost=scenario.ask_cost,
+            weights=np.array(weights),
+            epsilon=probabilities(scenario.epsilon, scenario.steps),
+            step_sizes=sizes.by_count,
+            floors=sizes.by_step,
+            learning=learning,
+            keys=keys_of(seed, phase, len(scenario.robots))[ROBOT],
+            row=np.zeros(PRIMITIVES),
+            full=np.zeros(1, dtype=np.bool_),
             sight=sight,
             swaps=inter.swaps,
             blocks=inter.blocks,
             map_samples=map_samples(scenario),
             replays=replays_of(scenario),
-            leaves=self.leaves_stand_offs(scenario),
         )
 
-    def minds(self, scenario: Scenario) -> list[Any]:
-        """Return the minds of all robots before learning, as arrays, with their own memory."""
-        return [self.mind(scenario, k) for k in range(len(scenario.robots))]
-
-    def mind(self, scenario: Scenario, robot: int) -> Any:
-        """Return a robot's mind (from 0) before learning, as arrays, with its own memory."""
+    def begun(self, scenario: Scenario, robot: int) -> Any:
+        """Return what a robot (from 0) remembers before learning; its arrays are its own."""
         with self.blamed("making what a robot remembers"):
-            base = type(self).initial(scenario, robot)
+            mind = self.initial(scenario, robot)
             if scenario.prior == "map":
-                base = type(self).informed(
-                    base, scenario, robot, self.weights(scenario)
-                )
-            more = {
-                name: np.asarray(make(scenario, robot))
-                for name, make in self.own_memory.items()
-            }
-            return self.Mind(**base._asdict(), **more)
+                mind = self.informed(mind, scenario, robot, self.weights(scenario))
+            return mind
 
     def blamed(self, doing: str) -> AbstractContextManager[None]:
         """Return a context that reports a failure of a user's own learner in one line.
@@ -412,3 +474,7 @@ class Learner:
         if is_shipped(self):
             return nullcontext()
         return failing_as(f"learner {self.label!r}", doing)
+
+
+for _name in HOOKS:
+    inner(getattr(Learner, _name))

@@ -9,12 +9,8 @@ from sparse_coord_ros.base.npz import member
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.learners.mind import (
-    Memory,
-    Rows,
-    memory_of,
-    remembered_fields,
-)
+from sparse_coord_ros.core.learners.mind import Memory, memory_before
+from sparse_coord_ros.core.learners.table import LearnedRows, Table
 
 
 def check_memory(
@@ -43,16 +39,18 @@ def check_memory(
 
 
 def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
-    mind = learner.mind(scenario, k)
-    names: list[str] = []
-    for name, value in remembered_fields(mind):
-        if isinstance(value, Rows):
-            names += [f"{name}_keys", f"{name}_values", f"{name}_updates"]
+    mind = learner.begun(scenario, k)
+    found: dict[str, np.ndarray] = {}
+    for name, value in mind._asdict().items():
+        if name in learner.given or name in learner.scratch:
+            continue
+        if isinstance(value, Table):
             _check_rows(memory, name, value)
+            names = [f"{name}_{what}" for what in LearnedRows._fields]
         else:
-            names.append(name)
             _check_array(memory, name, np.asarray(value))
-    found = {name: memory[name] for name in names}
+            names = [name]
+        found |= {one: memory[one] for one in names}
     learner.check_memory(scenario, k, found)
     return found
 
@@ -71,7 +69,7 @@ def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
         )
 
 
-def _check_rows(memory: Memory, name: str, begun: Rows) -> None:
+def _check_rows(memory: Memory, name: str, begun: Table) -> None:
     """Check a table of rows: its keys are those of joint states, each with a row of numbers."""
     keys = member(memory, f"{name}_keys", np.int64, None)
     if keys.max(initial=0) >= begun.most:
@@ -97,7 +95,7 @@ def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memo
         k: the robot, from 0.
         memory: the memory of the other run; it is checked already.
     """
-    found = memory_of(learner.mind(scenario, k))
+    found = dict(memory_before(learner, scenario, k))
     for name in learner.values:
         if name in found:
             found[name] = memory[name]

@@ -11,9 +11,7 @@ import numpy as np
 from sparse_coord_ros.base.errors import NotAllowedError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.learners import rules
-from sparse_coord_ros.core.learners.mind import Memory, as_lists
-from sparse_coord_ros.core.learners.policy import tabulate
+from sparse_coord_ros.core.learners.mind import Memory, team_mind
 from sparse_coord_ros.core.learners.rules import Task
 
 if TYPE_CHECKING:
@@ -28,7 +26,6 @@ class Tables:
         learner: its learner; None: its code may not be imported, and Q^C is unknown.
         number: the robot, from 0.
         memory: the robot's memory.
-        q_coord: as of the property, where it is known already.
 
     Attributes:
         scenario, learner, number, memory: as of the arguments.
@@ -41,14 +38,12 @@ class Tables:
         learner: "Learner | None",
         number: int,
         memory: Memory,
-        q_coord: np.ndarray | None = None,
     ) -> None:
         self.scenario = scenario
         self.learner = learner
         self.number = number
         self.memory = memory
         self.q_star: np.ndarray = memory["q_star"]
-        self._q_coord = q_coord
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -63,8 +58,6 @@ class Tables:
         index the own cell, second the peer's. With more peers, and on large maps, it is read
         entry by entry (`JointTable`).
         """
-        if self._q_coord is not None:
-            return self._q_coord
         table = JointTable(self)
         return table if self.scenario.sparse else table.whole()
 
@@ -77,7 +70,9 @@ class Tables:
             cells: the cells of all robots; those of peers that are not perceived mean nothing.
         """
         values = [0.0] * PRIMITIVES
-        rules.asking_values(self.mind, self.task, cell, seen, cells, values)
+        self.rule.asking_values(
+            self.mind, self.task, self.number, cell, seen, cells, values
+        )
         return values
 
     @property
@@ -95,13 +90,13 @@ class Tables:
 
     @cached_property
     def task(self) -> Task:
-        """The robot's task."""
-        return self.rule.task(self.scenario, self.number)
+        """The task of the robot's team; it does not learn."""
+        return self.rule.task(self.scenario)
 
     @cached_property
     def mind(self) -> Any:
-        """The robot's memory as lists; read only."""
-        return as_lists(self.rule.mind(self.scenario, self.number), self.memory)
+        """The mind of its team, with the robot's own part; read only."""
+        return team_mind(self.rule, self.scenario, [self.number], [self.memory])
 
 
 class JointTable:
@@ -143,10 +138,8 @@ class JointTable:
             return np.repeat(
                 self._tables.q_star[:, None, :PRIMITIVES], self._cells, axis=1
             )
-        [peer] = self._peers
-        rows = np.zeros(self.shape).tolist()
-        tabulate(self._tables.mind, self._tables.task, peer, [0] * self._robots, rows)
-        return np.array(rows)
+        cells = range(self._cells)
+        return np.array([[self[x, z] for z in cells] for x in cells])
 
 
 def memories_equal(one: Memory, other: Memory) -> bool:

@@ -5,16 +5,11 @@
 All policies are evaluated greedily "in the original problem", all robots moving at once.
 """
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, TypeAlias
-
-import numpy as np
+from typing import TypeAlias
 
 from sparse_coord_ros.base.errors import TablesError
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.percepts import Percepts
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -23,16 +18,11 @@ from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.mind import team_mind
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.team import Team
-from sparse_coord_ros.core.runs.trials import Trials
-
-MEASURES = ("returns", "time_to_goal", "miscoordinations", "asks")
-"""The measures of an `Evaluation`."""
-
-ARRIVE = 0.999
-"""Share of its episodes in which all robots of a team must arrive; in a failed team fewer do."""
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Is told what is done, of all that there is to do."""
@@ -40,15 +30,6 @@ Progress: TypeAlias = Callable[[int, int], None]
 
 def silent(done: int, total: int) -> None:
     """Report no progress."""
-
-
-def fails(all_arrived: float) -> bool:
-    """Return whether a team fails: some robot is missing in more than one of 1,000 episodes.
-
-    Args:
-        all_arrived: share of its episodes in which all robots arrive.
-    """
-    return all_arrived < ARRIVE
 
 
 class GreedyTeam:
@@ -90,90 +71,6 @@ class GreedyTeam:
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 
 
-@dataclass(frozen=True)
-class Measure:
-    """Mean, spread over single robots and trials (the paper's ±), and standard error of the mean.
-
-    The standard error is that of independent samples: in an `Evaluation` the trials, the robots
-    of one trial being dependent; in a `ConditionResult` the learning runs, the trials of one
-    run being dependent.
-    """
-
-    mean: float
-    spread: float
-    standard_error: float
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """The measures of a team in trials.
-
-    Attributes:
-        trials: Monte-Carlo trials.
-        returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
-            costs of asking.
-        time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
-        miscoordinations: steps of a trial that end in a miscoordination.
-        asks: how often a robot chose COORDINATE in a trial.
-        not_arrived: trials in which some robot did not arrive within the horizon.
-    """
-
-    trials: int
-    returns: Measure
-    time_to_goal: Measure
-    miscoordinations: Measure
-    asks: Measure
-    not_arrived: int
-
-    def __repr__(self) -> str:
-        """Return the measures on one line; standard errors in parentheses."""
-        return f"<Evaluation: {self.how}; {measured_in_words(self)}>"
-
-    @property
-    def all_arrived(self) -> float:
-        """Share of the trials in which all robots arrived."""
-        return (self.trials - self.not_arrived) / self.trials
-
-    @property
-    def how(self) -> str:
-        """How it was found, in words."""
-        return f"{self.trials} trials"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return asdict(self)
-
-
-def with_spread(measure: Measure, digits: int = 2) -> str:
-    """Return `mean ± spread`, and the standard error where the mean is one of trials."""
-    said = f"{measure.mean:.{digits}f} ± {measure.spread:.{digits}f}"
-    error = measure.standard_error
-    return f"{said} (s.e. {error:.{digits}f})" if error > 0.0 else said
-
-
-def measured_in_words(found: Any) -> str:
-    """Return the means of an `Evaluation` or `ExactEvaluation`, on one line."""
-    error = found.returns.standard_error
-    shown = "" if error == 0.0 or math.isnan(error) else f" ({error:.2f})"
-    return (
-        f"return {found.returns.mean:.2f}{shown}, time to goal {found.time_to_goal.mean:.2f}, "
-        f"miscoordinations {found.miscoordinations.mean:.2f}, asks {found.asks.mean:.2f}, "
-        f"all arrive in {percent(found.all_arrived)}"
-    )
-
-
-def summary(trials: Trials) -> Evaluation:
-    """Return mean, spread and standard error of each measure."""
-    return Evaluation(
-        trials=len(trials.returns),
-        returns=_measure(trials.returns),
-        time_to_goal=_measure(trials.time_to_goal),
-        miscoordinations=_measure(trials.miscoordinations[:, None]),
-        asks=_measure(trials.asks),
-        not_arrived=int((~trials.arrived.all(axis=1)).sum()),
-    )
-
-
 def play(
     scenario: Scenario,
     tables: Sequence[Tables],
@@ -182,7 +79,7 @@ def play(
     seed: int,
     learner: str | Learner | None = None,
     progress: Progress = silent,
-) -> Trials:
+) -> Measures:
     """Play greedy trials from the scenario's starts.
 
     Args:
@@ -200,8 +97,9 @@ def play(
     check_tables(scenario, tables, learner)
     rule = learner_of(learner or tables[0].rule)
     team = Team(scenario, rule, compiled=False)
-    minds = team.initial([table.memory for table in tables])
-    return team.play(minds, seed, trials, progress=progress)
+    memories = [table.memory for table in tables]
+    mind = team_mind(rule, scenario, range(len(tables)), memories)
+    return team.play(mind, seed, trials, progress=progress)
 
 
 def check_tables(
@@ -254,9 +152,3 @@ def greedy_agents(
         )
         for k, table in enumerate(tables)
     ]
-
-
-def _measure(values: np.ndarray) -> Measure:
-    means = values.mean(axis=1)
-    error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
-    return Measure(float(values.mean()), float(values.std()), float(error))

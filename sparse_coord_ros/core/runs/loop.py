@@ -1,23 +1,19 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learning and trials as loops, for plain Python (on lists) and for numba (on arrays).
+"""The loop of a team: Algorithm 1 for all its robots, with any learner, in learning and in trials.
 
-The game is that of `core.game.rules`, the choices are those of `core.learners.policy`; what a
-robot learns is its learner's.
+`loop_of` makes it of a learner's hooks. It runs as plain Python, or compiled by numba, on the same
+arrays. The game is that of `core.game.rules`.
 """
 
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.base.compiling import compiled_as, inlined, inner, jit
-from sparse_coord_ros.core.game.actions import COORDINATE
-from sparse_coord_ros.core.game.draws import REPLAY, ROBOT, draw
-from sparse_coord_ros.core.game.interactions import (
-    interacting,
-    miscoordinate,
-    settle,
-)
+from sparse_coord_ros.base.compiling import inner, jit
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
+from sparse_coord_ros.core.game.draws import TIE
+from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
@@ -31,234 +27,106 @@ from sparse_coord_ros.core.game.rules import (
     perceive,
     start_of,
 )
-from sparse_coord_ros.core.learners.mind import mind_of
-from sparse_coord_ros.core.learners.policy import choose, choose_move, tabulate
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    begin_episode,
-    learn,
-    sees_all,
-    wants_draw,
-    wants_partners,
+    greedy,
+    scheduled,
 )
 
-STEP, EPISODE_START, DONE, PLACED, END = range(5)
-"""Entries of `GameState.clock`: time step, first step of the episode, transitions (or trials)
-done, whether the episode has begun, the step at which the loop is to look up."""
-
-RETURN, TIME, ASKS, CONFLICTS = range(4)
-"""Last axis of a trial's result."""
+STEP, EPISODE_START, DONE, UNDER_WAY = range(4)
+"""Entries of `Run.clock`: the time step, the first step of the episode, the transitions made, and
+whether the episode has begun."""
 
 
-class Rule(NamedTuple):
-    """The rules by which a team learns.
+class Run(NamedTuple):
+    """A run in progress; k is a robot.
 
     Attributes:
-        problem: the game.
-        members: the robots that act.
-        actions: number of a robot's actions.
-        max_steps: steps after which an episode ends.
+        clock: STEP, EPISODE_START, DONE and UNDER_WAY [4].
+        keys: the keys of the draws [role, k].
+        factor: how much the rewards of this step count in a return: in learning always 1, in
+            trials gamma^n after n steps [0].
         exploring: probability of an exploring start [time step].
-        epsilon: probability of an explored action [time step].
-        floors: least step size [time step].
-        weights: how much the individual and the common part of a reward and the cost of asking
-            count while learning [3].
-        goal_value: value of being at the goal while learning.
-        step_sizes: the step size of the n-th update of an entry, without the floor [n].
-        map_samples, replays, leaves: as of `Task`.
-        tasks: in plain Python the tasks of the robots.
+        max_steps: steps after which an episode ends.
+        before: X_k(t) at the last step [k].
+        wanted: where its move led, before robots stop each other [k].
+        cells: the cell of each robot now [k].
+        arrived: whether it has reached its goal [k].
+        actions: A_k(t) at the last step [k].
+        moves: the primitive action that it became [k].
+        seen: the peers that it perceived by COORDINATE, the sum of 2^j; 0: it did not ask, or
+            the percept failed [k].
     """
-
-    problem: Problem
-    members: Any
-    actions: int
-    max_steps: int
-    exploring: Any
-    epsilon: Any
-    floors: Any
-    weights: Any
-    goal_value: float
-    step_sizes: Any
-    map_samples: int
-    replays: int
-    leaves: bool
-    tasks: Any
-
-
-def made_task(rule: Rule, k: int) -> Task:
-    """As `task_of`, of arrays."""
-    problem = rule.problem
-    return Task(
-        k,
-        len(problem.goals),
-        len(problem.next_cell),
-        problem.goals[k],
-        rule.actions,
-        problem.discount,
-        rule.goal_value,
-        rule.weights[0] * problem.goal_reward,
-        rule.weights[2] * problem.ask_cost,
-        rule.weights[1],
-        rule.step_sizes,
-        problem.sight,
-        problem.interactions.swaps,
-        problem.interactions.blocks,
-        rule.map_samples,
-        rule.replays,
-        rule.leaves,
-    )
-
-
-@compiled_as(made_task)
-def task_of(rule: Rule, k: int) -> Task:
-    """Return the task of robot k."""
-    task: Task = rule.tasks[k]
-    return task
-
-
-class GameState(NamedTuple):
-    """A game in progress: the clock, each robot's cell, and whether it has arrived."""
 
     clock: Any
+    keys: Any
+    factor: Any
+    exploring: Any
+    max_steps: int
+    before: Any
+    wanted: Any
     cells: Any
     arrived: Any
-
-
-class Choices(NamedTuple):
-    """Each robot's choice at this time step.
-
-    Attributes:
-        cells: the cell that it was in; of robots that do not act, too.
-        actions: A_k(t), as of `core.game.actions`.
-        moves: the primitive action that it became.
-        wanted: the cell to which it led, before robots stop each other.
-        seen: the peers that it perceived by COORDINATE, the sum of 2^j; 0: it did not ask, or
-            the percept failed.
-        values: space for a row [move].
-    """
-
-    cells: Any
     actions: Any
     moves: Any
-    wanted: Any
     seen: Any
-    values: Any
-
-
-class State(NamedTuple):
-    """A run in progress, without the robots' minds.
-
-    Attributes:
-        rule: the game, and how the team learns.
-        game: the joint state, changed.
-        choice: the robots' choices, changed.
-        keys: the keys of the robots' draws [role][k], from `keys_of`.
-        stop: its one entry is set where the result is not wanted any more.
-    """
-
-    rule: Rule
-    game: GameState
-    choice: Choices
-    keys: Any
-    stop: Any
 
 
 class Record(NamedTuple):
-    """The learning history in the making: a row an episode.
-
-    Fields are those of `core.runs.history.History`, and:
+    """The episodes of a run: a row for each.
 
     Attributes:
-        used: the number of rows in use [0]; the last one is that of the episode under way, or of
-            the one that ended last.
+        used: rows in use [0]; the last one is of the episode under way, or of the last one.
+        first_step: its first time step [row].
+        length: its transitions [row].
+        steps: those that robot k made until it arrived [row, k].
+        returns: in learning the sum of R_k(t) until it arrived; in trials its return from the
+            first state [row, k].
+        asks: how often it chose COORDINATE [row, k].
+        arrived: whether it reached its goal [row, k].
+        miscoordinations: transitions that ended in a miscoordination [row].
+        asked: in all episodes, how often robot k chose COORDINATE in a cell [k, x].
+        stays: in all episodes, how often it acted there [k, x].
     """
 
     used: Any
     first_step: Any
     length: Any
+    steps: Any
     returns: Any
-    miscoordinations: Any
     asks: Any
     arrived: Any
+    miscoordinations: Any
+    asked: Any
+    stays: Any
 
 
 @inner
-def _row_in_arrays(record: Record, step: int) -> None:
+def begin(problem: Problem, run: Run, record: Record) -> None:
+    """Begin an episode: every robot at its start, or at an exploring start."""
+    step = int(run.clock[STEP])
+    exploring = scheduled(run.exploring, step)
+    for k in range(len(run.cells)):
+        run.cells[k] = start_of(problem, run.keys, k, step, exploring)
+        run.arrived[k] = False
+    run.clock[EPISODE_START] = step
+    run.clock[UNDER_WAY] = True
+    run.factor[0] = 1.0
     record.first_step[record.used[0]] = step
     record.used[0] += 1
 
 
-@compiled_as(_row_in_arrays)
-def begin_row(record: Record, step: int) -> None:
-    """Begin the row of an episode."""
-    team = record.used[1]
-    record.first_step.append(step)
-    record.length.append(0)
-    record.returns.append([0.0] * team)
-    record.miscoordinations.append(0)
-    record.asks.append([0] * team)
-    record.arrived.append([False] * team)
-    record.used[0] += 1
-
-
-@inlined
-def begin(state: State, minds: Any, step: int) -> None:
-    """Begin an episode: every robot at its start, or at an exploring start."""
-    rule, game, choice, keys, _ = state
-    clock = game.clock
-    exploring = rule.exploring[min(step, len(rule.exploring) - 1)]
-    for k in range(len(game.cells)):
-        game.cells[k] = rule.problem.starts[k]
-        choice.cells[k] = rule.problem.starts[k]
-        game.arrived[k] = 1
-    for k in rule.members:
-        game.arrived[k] = 0
-        game.cells[k] = start_of(rule.problem, keys, k, step, exploring)
-        begin_episode(mind_of(minds, k), task_of(rule, k))
-    clock[EPISODE_START] = step
-    clock[PLACED] = 1
-
-
-@inlined
-def choose_all(state: State, minds: Any, step: int, epsilon: float) -> None:
-    """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
-    rule, game, choice, keys, _ = state
-    cells = game.cells
-    for k in rule.members:
-        cell = int(cells[k])
-        choice.cells[k] = cell
-        if game.arrived[k]:
-            continue
-        mind = mind_of(minds, k)
-        key = keys[ROBOT][k]
-        action = choose(mind.q_star[cell], rule.actions, epsilon, key, step)
-        move = action
-        seen = 0
-        if action == COORDINATE:
-            seen = perceive(rule.problem, keys, k, step, cells)
-            task = task_of(rule, k)
-            move = choose_move(
-                mind, task, cell, seen, cells, epsilon, key, step, choice.values
-            )
-        choice.actions[k] = action
-        choice.moves[k] = move
-        choice.seen[k] = seen
-
-
-@inlined
-def move_all(state: State, step: int) -> bool:
-    """Move every robot that acts; return whether the step is a miscoordination."""
-    rule, game, choice, keys, _ = state
-    problem = rule.problem
-    inter = problem.interactions
-    cells = game.cells
-    for k in rule.members:
-        if not game.arrived[k]:
-            cells[k] = led(problem, keys, k, step, cells[k], choice.moves[k])
-        choice.wanted[k] = cells[k]
-    settle(inter, choice.cells, cells, rule.members)
-    return miscoordinate(inter, choice.cells, cells, rule.members)
+@inner
+def move_all(problem: Problem, run: Run) -> bool:
+    """Move every robot; return whether the step is a miscoordination."""
+    step = int(run.clock[STEP])
+    for k in range(len(run.cells)):
+        if not run.arrived[k]:
+            run.cells[k] = led(problem, run.keys, k, step, run.before[k], run.moves[k])
+        run.wanted[k] = run.cells[k]
+    settle(problem.interactions, run.before, run.cells)
+    return miscoordinates(problem.interactions, run.before, run.cells)
 
 
 @inner
@@ -267,197 +135,147 @@ def everybody_but(k: int, team: int) -> int:
     return ((1 << team) - 1) & ~(1 << k)
 
 
-@inlined
-def learn_from(
-    state: State,
-    minds: Any,
-    k: int,
-    step: int,
-    felt: float,
-    epsilon: float,
-    floor: float,
-) -> None:
-    """Let robot k learn from the step that was made; it felt an r^C."""
-    rule, game, choice, keys, _ = state
-    problem = rule.problem
-    weights = rule.weights
-    cells = game.cells
-    next_cell = int(cells[k])
-    action = int(choice.actions[k])
-    seen = choice.seen[k]
-    mind = mind_of(minds, k)
-    next_seen = 0
-    if sees_all(mind):
-        seen = next_seen = everybody_but(k, len(cells))
-    partners = UNKNOWN_PARTNERS
-    if wants_partners(mind):
-        partners = interacting(
-            problem.interactions, choice.cells, choice.wanted, cells, rule.members, k
-        )
-    replay = 0.0
-    if wants_draw(mind):
-        replay = draw(keys[ROBOT][k], step, REPLAY)
-    now = Transition(
-        step,
-        int(choice.cells[k]),
-        action,
-        int(choice.moves[k]),
-        seen,
-        choice.cells,
-        next_cell,
-        next_seen,
-        cells,
-        weights[0] * individual_reward(problem, next_cell == problem.goals[k]),
-        weights[1] * felt,
-        felt,
-        weights[2] * asking_reward(problem, action == COORDINATE),
-        partners,
-        epsilon,
-        floor,
-        replay,
-    )
-    learn(mind, task_of(rule, k), now)
+@functools.cache
+def loop_of(learner: Any) -> Callable[..., None]:
+    """Return the loop of a learner, in plain Python."""
+    begin_episode = learner.begin_episode
+    decide = learner.decide
+    asking_values = learner.asking_values
+    move_after_asking = learner.move_after_asking
+    bootstrap = learner.bootstrap
+    learn = learner.learn
+    sees_all = learner.sees_all
+    wants_partners = learner.partners
 
+    def loop(
+        problem: Problem,
+        task: Task,
+        run: Run,
+        mind: Any,
+        record: Record,
+        budget: int,
+        stop: Any,
+    ) -> None:
+        """Make transitions, and learn from them if `task.learning`.
 
-def learn_until(state: State, minds: Any, record: Record | None, budget: int) -> None:
-    """Learn until so many transitions are made, or until the time step at which to look up.
+        It returns when the budget is made, when no row is left for the next episode, or when
+        `task.full` or `stop` is set.
 
-    Args:
-        state: the run under way.
-        minds: the robots' minds, changed.
-        record: the history, added to; or None: numba compiles the loop for each by itself.
-        budget: transitions to make from the run's beginning on.
-    """
-    rule, game, choice, _, _ = state
-    problem = rule.problem
-    members = rule.members
-    clock = game.clock
-    arrived = game.arrived
-    cells = game.cells
-    last = len(rule.epsilon) - 1
-    step = clock[STEP]
-    done = clock[DONE]
-    end = clock[END]
-    while done < budget and step < end and not state.stop[0]:
-        if not clock[PLACED]:
-            begin(state, minds, step)
-            if record is not None:
-                begin_row(record, step)
-        scheduled = min(step, last)
-        epsilon = rule.epsilon[scheduled]
-        floor = rule.floors[scheduled]
-        choose_all(state, minds, step, epsilon)
-        conflict = move_all(state, step)
-        if record is not None:
-            row = record.used[0] - 1
+        Args:
+            problem: the game.
+            task: what the robots know of it.
+            run: the run in progress, changed.
+            mind: what the robots remember, changed.
+            record: the episodes, added to.
+            budget: transitions to make from the run's beginning on.
+            stop: set where the run is not wanted any more [0].
+        """
+        clock = run.clock
+        cells = run.cells
+        before = run.before
+        team = len(cells)
+        while clock[DONE] < budget and not task.full[0] and not stop[0]:
+            if not clock[UNDER_WAY]:
+                if record.used[0] == len(record.length):
+                    return
+                begin(problem, run, record)
+                for k in range(team):
+                    begin_episode(mind, task, k)
+            step = int(clock[STEP])
+            row = int(record.used[0]) - 1
+            elapsed = step + 1 - int(clock[EPISODE_START])
+
+            # Each robot chooses (lines 4 to 10).
+            for k in range(team):
+                cell = int(cells[k])
+                before[k] = cell
+                if run.arrived[k]:
+                    continue
+                if task.learning:
+                    action = decide(mind, task, k, step, cell)
+                else:
+                    values = mind.q_star[k, cell]
+                    action = greedy(values, len(ACTIONS), task.keys[k], step, TIE)
+                move = action
+                seen = 0
+                if action == COORDINATE:
+                    seen = perceive(problem, run.keys, k, step, cells)
+                    asking_values(mind, task, k, cell, seen, cells, task.row)
+                    move = move_after_asking(
+                        mind, task, k, step, cell, seen, cells, task.row
+                    )
+                    record.asks[row, k] += 1
+                    record.asked[k, cell] += 1
+                record.stays[k, cell] += 1
+                record.steps[row, k] += 1
+                run.actions[k] = action
+                run.moves[k] = move
+                run.seen[k] = seen
+
+            # The team moves; each robot has its reward, and learns (lines 11 to 18).
+            conflict = move_all(problem, run)
             record.length[row] += 1
             record.miscoordinations[row] += conflict
-        over = True
-        for k in members:
-            if arrived[k]:
-                continue
-            home = cells[k] == problem.goals[k]
-            common = common_reward(problem, k, conflict)
-            learn_from(state, minds, k, step, common, epsilon, floor)
-            if record is not None:
-                asked = choice.actions[k] == COORDINATE
+            over = True
+            for k in range(team):
+                common = common_reward(problem, k, conflict)
+                if run.arrived[k]:
+                    if not task.learning:
+                        record.returns[row, k] += run.factor[0] * common
+                    continue
+                next_cell = int(cells[k])
+                home = next_cell == problem.goals[k]
                 individual = individual_reward(problem, home)
-                record.returns[row][k] += (
-                    individual + common + asking_reward(problem, asked)
-                )
-                record.asks[row][k] += asked
-                record.arrived[row][k] = home
-            if home:
-                arrived[k] = 1
-            else:
-                over = False
-        step += 1
-        done += 1
-        if episode_ends(over, step - clock[EPISODE_START], rule.max_steps):
-            step += EPISODE_GAP
-            clock[PLACED] = 0
-    clock[STEP] = step
-    clock[DONE] = done
+                asking = asking_reward(problem, run.actions[k] == COORDINATE)
+                if task.learning:
+                    seen = int(run.seen[k])
+                    if sees_all:
+                        seen = everybody_but(k, team)
+                    met = UNKNOWN_PARTNERS
+                    if wants_partners:
+                        met = partners(
+                            problem.interactions, before, run.wanted, cells, k
+                        )
+                    now = Transition(
+                        step=step,
+                        cell=int(before[k]),
+                        action=int(run.actions[k]),
+                        move=int(run.moves[k]),
+                        seen=seen,
+                        cells=before,
+                        next_cell=next_cell,
+                        next_cells=cells,
+                        individual=individual,
+                        common=common,
+                        asking=asking,
+                        partners=met,
+                    )
+                    after = task.goal_value
+                    if not home:
+                        after = bootstrap(mind, task, k, next_cell, now)
+                    learn(mind, task, k, now, after)
+                elif home:
+                    individual = goal_paid(problem, 1.0)
+                record.returns[row, k] += run.factor[0] * (individual + common + asking)
+                if home:
+                    run.arrived[k] = True
+                    record.arrived[row, k] = True
+                else:
+                    over = False
+            if not task.learning:
+                run.factor[0] *= problem.discount
 
-
-def play_until(
-    state: State,
-    minds: Any,
-    results: Any,
-    asked: Any,
-    stays: Any,
-    trials: int,
-) -> None:
-    """Play greedy trials until so many are played.
-
-    Args:
-        state: the game in progress, with trials of at most `max_steps` steps.
-        minds: the robots' minds.
-        results: filled, [trial][k][RETURN to CONFLICTS]; TIME is the horizon, and one more, for
-            a robot that does not arrive.
-        asked: counted up where COORDINATE is chosen, [k][x].
-        stays: counted up where a robot acts, [k][x].
-        trials: number of trials.
-    """
-    rule, game, choice, _, _ = state
-    problem = rule.problem
-    members = rule.members
-    clock = game.clock
-    cells = game.cells
-    arrived = game.arrived
-    discount = 1.0
-    while clock[DONE] < trials and not state.stop[0]:
-        if not clock[PLACED]:
-            begin(state, minds, clock[STEP])
-            discount = 1.0
-        step = clock[STEP]
-        trial = clock[DONE]
-        elapsed = step + 1 - clock[EPISODE_START]
-        choose_all(state, minds, step, 0.0)
-        conflict = move_all(state, step)
-        over = True
-        for k in members:
-            common = common_reward(problem, k, conflict)
-            result = results[trial][k]
-            result[CONFLICTS] += conflict
-            if arrived[k]:
-                result[RETURN] += discount * common
-                continue
-            cell = choice.cells[k]
-            asks = choice.actions[k] == COORDINATE
-            stays[k][cell] += 1
-            if asks:
-                result[ASKS] += 1
-                asked[k][cell] += 1
-            result[RETURN] += discount * (common + asking_reward(problem, asks))
-            if cells[k] == problem.goals[k]:
-                arrived[k] = 1
-                result[TIME] = elapsed
-                result[RETURN] += goal_paid(problem, discount)
-            else:
-                over = False
-                result[TIME] = rule.max_steps + 1
-        discount *= problem.discount
-        clock[STEP] = step + 1
-        if episode_ends(over, elapsed, rule.max_steps):
-            clock[STEP] += EPISODE_GAP
-            clock[PLACED] = 0
+            # The next time step, or the next episode (lines 19 and 20).
+            clock[STEP] = step + 1
             clock[DONE] += 1
+            if episode_ends(over, elapsed, run.max_steps):
+                clock[STEP] += EPISODE_GAP
+                clock[UNDER_WAY] = False
 
-
-class Loops(NamedTuple):
-    """The loops, ready to be called."""
-
-    learn: Callable[..., None]
-    play: Callable[..., None]
-    tabulate: Callable[..., None]
-
-
-PLAIN = Loops(learn_until, play_until, tabulate)
-"""The loops as plain Python, on lists."""
+    return loop
 
 
 @functools.cache
-def compiled(learner: type[Any]) -> Loops:
-    """Return the loops for a learner; they compile when first called."""
-    return Loops(*jit(PLAIN, learner))
+def compiled(learner: Any) -> Callable[..., None]:
+    """Return the loop of a learner, compiled by numba when it is first called."""
+    return jit([loop_of(learner)], learner)[0]

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import COORDINATE
-from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw
-from sparse_coord_ros.core.game.interactions import miscoordinate
+from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw, keys_of
+from sparse_coord_ros.core.game.interactions import miscoordinates
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import (
@@ -19,20 +19,19 @@ from sparse_coord_ros.core.game.world import (
     before_episode,
 )
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.learners.mind import (
-    Memory,
-    has_room,
-    memory_of,
-    rows_in,
-    with_room,
-)
+from sparse_coord_ros.core.learners.mind import Memory, team_mind, with_room
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
-from sparse_coord_ros.core.runs.history import History, blank_history, concatenated
-from sparse_coord_ros.core.runs.loop import DONE, EPISODE_START, PLACED, STEP
-from sparse_coord_ros.core.runs.team import Team, block_of
-from sparse_coord_ros.core.runs.trials import Trials
+from sparse_coord_ros.core.runs.history import (
+    FIRST_EPISODES,
+    History,
+    blank_history,
+    concatenated,
+)
+from sparse_coord_ros.core.runs.loop import DONE, STEP, UNDER_WAY
+from sparse_coord_ros.core.runs.measures import Measures
+from sparse_coord_ros.core.runs.team import Team, blank_record, run_at
 
 
 class LearningState(NamedTuple):
@@ -78,44 +77,42 @@ class LearningRun:
         team: scenario, learner and form.
         seed: the run's seed.
         state: the state to continue from; None: the beginning.
-        gathering: whether to gather the history.
 
     Attributes:
         scenario, learner, seed: of the run.
         done: transitions made, by each group of robots.
-        minds: the minds of all robots.
+        minds: the mind of each group of robots.
     """
 
     def __init__(
-        self,
-        team: Team,
-        seed: int,
-        state: LearningState | None = None,
-        *,
-        gathering: bool = True,
+        self, team: Team, seed: int, state: LearningState | None = None
     ) -> None:
         self.team = team
         self.scenario = team.scenario
         self.learner = team.learner
         self.seed = seed
-        robots = len(team.scenario.robots)
-        groups = len(team.rules)
         if state is None:
-            first = before_episode(0, FIRST_STEP, robots)
-            state = LearningState(
-                (first,) * groups, (), (blank_history(0, robots),) * groups
-            )
-        self.minds = team.initial(state.memories)
+            state = _beginning(team)
         self.done = state.positions[0].transitions
-        self._states = [
-            team.state(rule, seed, LEARNING, position)
-            for rule, position in zip(team.rules, state.positions, strict=True)
-        ]
-        self._records: list[loop.Record | None] = [None] * groups
-        if gathering:
-            self._records = [
-                record_of(one, compiled=team.compiled) for one in state.histories
-            ]
+        self.minds = [team.mind(group, state.memories) for group in team.groups]
+        self._tasks = []
+        self._runs = []
+        self._records = []
+        every_key = keys_of(seed, LEARNING, len(self.scenario.robots))
+        max_steps = self.scenario.max_steps
+        for group, position, history in zip(
+            team.groups, state.positions, state.histories, strict=True
+        ):
+            keys = np.ascontiguousarray(every_key[:, group.robots])
+            here = position._replace(
+                cells=tuple(position.cells[k] for k in group.robots),
+                arrived=tuple(position.arrived[k] for k in group.robots),
+            )
+            full = np.zeros(1, dtype=np.bool_)
+            self._tasks.append(group.task._replace(keys=keys[ROBOT], full=full))
+            self._runs.append(run_at(here, keys, team.exploring, max_steps))
+            cells = len(self.scenario.map.cells)
+            self._records.append(record_of(history, group.robots, cells))
 
     def advance(self, until: int) -> None:
         """Let every group of robots learn until it has made so many transitions.
@@ -123,123 +120,122 @@ class LearningRun:
         Raises:
             Stopped: the run is not wanted any more.
         """
-        for number, state in enumerate(self._states):
-            clock = state.game.clock
-            while clock[DONE] < until:
+        for number, run in enumerate(self._runs):
+            while run.clock[DONE] < until:
                 self._make_room(number)
                 with self.learner.blamed("learning"):
-                    self.team.loops.learn(
-                        state, self.minds, self._records[number], until
+                    self.team.loop(
+                        self.team.groups[number].problem,
+                        self._tasks[number],
+                        run,
+                        self.minds[number],
+                        self._records[number],
+                        until,
+                        self.team.stop,
                     )
                 self.team.check_wanted()
         self.done = max(self.done, until)
 
     def _make_room(self, number: int) -> None:
-        """Give tables and the history room, and let the loop look up before it is used up."""
-        if not self.team.compiled:
-            return
-        clock = self._states[number].game.clock
-        block = block_of(len(self.scenario.robots))
-        if not has_room(self.minds, block):
-            self.minds = with_room(self.minds, block)
+        """Give tables and the record of a group room, where it is used up."""
+        full = self._tasks[number].full
+        if full[0]:
+            self.minds[number] = with_room(self.minds[number])
+            full[0] = False
         record = self._records[number]
-        if record is not None and record.used[0] + block > len(record.length):
-            self._records[number] = record_of(self._history(number), compiled=True)
-        clock[loop.END] = clock[STEP] + block
+        if record.used[0] == len(record.length):
+            self._records[number] = longer(record, 2 * len(record.length))
 
     def make_transition(self) -> TeamTransition:
         """Let every group of robots make one transition, and return it."""
-        positions = [_position(state.game) for state in self._states]
+        step = self.step
+        acting = [
+            [True] * len(run.cells) if not run.clock[UNDER_WAY] else ~run.arrived
+            for run in self._runs
+        ]
         self.advance(self.done + 1)
-        rows: list[tuple[int, Action | None, int]] = []  # in the order of the robots
+        cells: list[int] = []
+        actions: list[Action | None] = []
+        after: list[int] = []
         met = False
-        for state, before in zip(self._states, positions, strict=True):
-            members = state.rule.members
-            for k in members:
-                cell = before.cells[k]
-                action = None
-                if not (before.under_way and before.arrived[k]):
-                    cell = int(state.choice.cells[k])
-                    action = self._action(state, k, before.step)
-                rows.append((cell, action, int(state.game.cells[k])))
-            inter = state.rule.problem.interactions
-            met |= bool(
-                miscoordinate(inter, state.choice.cells, state.game.cells, members)
-            )
-        cells, actions, after = zip(*rows, strict=True)
-        return TeamTransition(positions[0].step, cells, actions, after, met)
+        for group, run, acts in zip(self.team.groups, self._runs, acting, strict=True):
+            cells += run.before.tolist()
+            after += run.cells.tolist()
+            for place, k in enumerate(group.robots):
+                acted = bool(acts[place])
+                actions.append(self._action(run, place, k, step) if acted else None)
+            inter = group.problem.interactions
+            met = met or bool(miscoordinates(inter, run.before, run.cells))
+        return TeamTransition(step, tuple(cells), tuple(actions), tuple(after), met)
 
-    def _action(self, state: loop.State, k: int, step: int) -> Action:
-        """Return a robot's action at the last completed time step."""
-        choice = state.choice
-        asked = int(choice.actions[k]) == COORDINATE
+    def _action(self, run: loop.Run, place: int, k: int, step: int) -> Action:
+        """Return the action of robot k at the last completed time step."""
+        asked = int(run.actions[place]) == COORDINATE
         peer = -1
         if asked:
-            which = draw(state.keys[ROBOT][k], step, PEER)
-            robots = len(self.scenario.robots)
-            peers = asked_peers(self.scenario.peers, k, robots, which)
+            chance = draw(run.keys[ROBOT, place], step, PEER)
+            peers = asked_peers(
+                self.scenario.peers, k, len(self.scenario.robots), chance
+            )
             peer = peers[0] if len(peers) == 1 else -1
-        return Action(int(choice.moves[k]), asked, peer, int(choice.seen[k]) != 0)
-
-    def mind(self, k: int) -> Any:
-        """Return what robot k (from 0) knows: it goes on learning in it."""
-        return self.team.mind(self.minds, k)
+        return Action(int(run.moves[place]), asked, peer, int(run.seen[place]) != 0)
 
     @property
     def tables(self) -> list[Tables]:
         """The tables that every robot has learned so far, a copy."""
-        return self.team.tables(self.minds)
+        return self.team.tables(self.memories)
 
     @property
     def step(self) -> int:
         """The time step of the next transition (of robots that learn alone: of the first one)."""
-        return int(self._states[0].game.clock[STEP])
+        return int(self._runs[0].clock[STEP])
 
     @property
     def asked(self) -> np.ndarray:
-        """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
-        robots = range(len(self.scenario.robots))
-        return np.array([np.array(self.mind(k).updates)[:, COORDINATE] for k in robots])
-
-    def rows_learned(self, tables: Sequence[Tables]) -> np.ndarray:
-        """Return how many rows of Q^C (or rho) each robot has learned, shape (robots,), int64.
-
-        Args:
-            tables: as `tables` returns them.
-        """
-        found = [rows_in(self.mind(k), one.memory) for k, one in enumerate(tables)]
-        return np.array(found)
+        """How often each robot has asked in each cell, shape (robots, cells)."""
+        return np.concatenate([mind.updates[..., COORDINATE] for mind in self.minds])
 
     @property
-    def memories(self) -> tuple[Memory, ...]:
+    def memories(self) -> list[Memory]:
         """Every robot's memory, a copy."""
-        return tuple(memory_of(self.mind(k)) for k in range(len(self.scenario.robots)))
+        return self.team.memories(self.minds)
 
-    def play(self, trials: int) -> Trials:
+    def play(self, trials: int) -> Measures:
         """Play greedy trials with the tables learned so far."""
-        return self.team.play(self.minds, self.seed, trials)
+        [mind, *others] = self.minds
+        if others:
+            robots = range(len(self.scenario.robots))
+            mind = team_mind(self.learner, self.scenario, robots, self.memories)
+        return self.team.play(mind, self.seed, trials)
 
     @property
     def history(self) -> History:
         """The episodes so far."""
-        return concatenated(
-            [blank_history(0, len(self.scenario.robots)), *self._histories()]
-        )
+        return concatenated(self._histories())
 
-    def _histories(self) -> tuple[History, ...]:
-        there = [number for number, one in enumerate(self._records) if one is not None]
-        return tuple(map(self._history, there))
-
-    def _history(self, number: int) -> History:
-        record = self._records[number]
-        state = self._states[number]
-        assert record is not None
-        return history_of(record, len(self.scenario.robots), state.rule.members)
+    def _histories(self) -> list[History]:
+        robots = len(self.scenario.robots)
+        return [
+            history_of(record, robots, group.robots)
+            for group, record in zip(self.team.groups, self._records, strict=True)
+        ]
 
     def state(self) -> LearningState:
         """Return the state of the run."""
-        positions = tuple(_position(state.game) for state in self._states)
-        return LearningState(positions, self.memories, self._histories())
+        robots = len(self.scenario.robots)
+        positions = tuple(
+            _position(run, robots, group.robots)
+            for group, run in zip(self.team.groups, self._runs, strict=True)
+        )
+        return LearningState(positions, tuple(self.memories), tuple(self._histories()))
+
+
+def _beginning(team: Team) -> LearningState:
+    """Return the state before the first transition."""
+    robots = len(team.scenario.robots)
+    groups = len(team.groups)
+    first = before_episode(0, FIRST_STEP, robots)
+    return LearningState((first,) * groups, (), (blank_history(0, robots),) * groups)
 
 
 def learn(
@@ -251,41 +247,66 @@ def learn(
     return run.tables
 
 
-def record_of(history: History, *, compiled: bool) -> loop.Record:
-    """Return a record that continues a history; compiled it has room for two blocks."""
-    used = [history.episodes, history.robots]
-    rows = history
-    if compiled:
-        rows = concatenated(
-            [history, blank_history(2 * block_of(history.robots), history.robots)]
-        )
-    fields = {name: getattr(rows, name) for name in loop.Record._fields[1:]}
-    if compiled:
-        return loop.Record(np.array(used), **fields)
-    return loop.Record(used, **{name: table.tolist() for name, table in fields.items()})
+OF_ROBOTS = ("returns", "asks", "arrived")
+OF_EPISODES = ("first_step", "length", "miscoordinations")
+"""Fields of a record that stand in a history."""
 
 
-def history_of(record: loop.Record, robots: int, members: Any) -> History:
-    """Return the history of a record; a copy."""
+def record_of(history: History, robots: Sequence[int], cells: int) -> loop.Record:
+    """Return a record that continues the history of some robots."""
+    episodes = history.episodes
+    record = blank_record(max(FIRST_EPISODES, 2 * episodes), len(robots), cells)
+    for name in OF_EPISODES:
+        getattr(record, name)[:episodes] = getattr(history, name)
+    for name in OF_ROBOTS:
+        getattr(record, name)[:episodes] = getattr(history, name)[:, robots]
+    record.used[0] = episodes
+    return record
+
+
+def longer(record: loop.Record, rows: int) -> loop.Record:
+    """Return a record with room for so many episodes; a copy."""
+    robots, cells = record.asked.shape
+    larger = blank_record(rows, robots, cells)
+    used = len(record.length)
+    for name in (
+        "first_step",
+        "length",
+        "steps",
+        "returns",
+        "asks",
+        "arrived",
+        "miscoordinations",
+    ):
+        getattr(larger, name)[:used] = getattr(record, name)
+    return larger._replace(used=record.used, asked=record.asked, stays=record.stays)
+
+
+def history_of(record: loop.Record, robots: int, members: Sequence[int]) -> History:
+    """Return the history in a record of some of the robots; a copy."""
     episodes = int(record.used[0])
-    blank = blank_history(episodes, robots)
-    fields = {}
-    for name in loop.Record._fields[1:]:
-        like = getattr(blank, name)
-        found = np.array(getattr(record, name)[:episodes], dtype=like.dtype)
-        fields[name] = found.reshape(like.shape)
-    present = np.zeros((episodes, robots), dtype=np.bool_)
-    present[:, list(members)] = True
-    return History(**fields, present=present)
+    history = blank_history(episodes, robots)
+    for name in OF_EPISODES:
+        getattr(history, name)[:] = getattr(record, name)[:episodes]
+    for name in OF_ROBOTS:
+        getattr(history, name)[:, members] = getattr(record, name)[:episodes]
+    history.present[:, members] = True
+    return history
 
 
-def _position(game: loop.GameState) -> Position:
-    clock = game.clock
-    team = len(game.cells)
-    transitions = int(clock[DONE])
-    step = int(clock[STEP])
-    if not clock[PLACED]:
+def _position(run: loop.Run, team: int, robots: Sequence[int]) -> Position:
+    step, episode_start, transitions, under_way = run.clock.tolist()
+    if not under_way:
         return before_episode(transitions, step, team)
-    cells = tuple(int(cell) for cell in game.cells)
-    arrived = tuple(bool(home) for home in game.arrived)
-    return Position(transitions, step, True, int(clock[EPISODE_START]), cells, arrived)
+    cells = np.zeros(team, dtype=np.int64)
+    cells[robots] = run.cells
+    arrived = np.ones(team, dtype=np.bool_)
+    arrived[robots] = run.arrived
+    return Position(
+        transitions,
+        step,
+        True,
+        episode_start,
+        tuple(cells.tolist()),
+        tuple(arrived.tolist()),
+    )

@@ -39,7 +39,6 @@ from sparse_coord_ros.core.learners.registry import (
     LEARNERS,
     learner_of,
 )
-from sparse_coord_ros.core.runs.forms import check_own_memory
 
 RUN_FILE = "run.yaml"
 CELLS = 250_000
@@ -256,7 +255,6 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     if not settings.get("slips", True):
         scenario = _known_to_bodies(scenario)
     learner.check(scenario)
-    check_own_memory(learner)
     _check_size(scenario.map)
     run = RunConfig(scenario=scenario, versions=versions(), **settings)
     run.check_code()

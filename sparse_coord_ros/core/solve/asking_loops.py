@@ -16,8 +16,8 @@ from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
-    ends_of_two,
-    miscoordinate_two,
+    miscoordinates,
+    settle,
 )
 
 ASK_AS_NOW = 2 * PRIMITIVES
@@ -53,6 +53,7 @@ class WeightedGame(NamedTuple):
         success: probability that a move succeeds.
         above: an upper bound of a team's value from a joint state; (cells, cells).
         everything: every joint state but that in which both have arrived, in a good order.
+        step: room for the cells before and after a step; (2, 2).
     """
 
     lead: np.ndarray
@@ -68,6 +69,7 @@ class WeightedGame(NamedTuple):
     success: float
     above: np.ndarray
     everything: np.ndarray
+    step: np.ndarray
 
 
 class AskingPolicies(NamedTuple):
@@ -169,11 +171,13 @@ def reach(
             if can_do(game, policy, free, 0, x, y, one) and can_do(
                 game, policy, free, 1, y, x, other
             ):
-                a = game.lead[x, one]
-                b = game.lead[y, other]
-                if game.interactions.blocks:
-                    a, b = ends_of_two(game.interactions, x, y, a, b)
-                target = a * cells + b
+                before, after = game.step
+                before[0] = x
+                before[1] = y
+                after[0] = game.lead[x, one]
+                after[1] = game.lead[y, other]
+                settle(game.interactions, before, after)
+                target = after[0] * cells + after[1]
                 if space.tried[target] < 0 and target != last:
                     found = target
         space.tried[state] = index
@@ -243,10 +247,15 @@ def expected(
             continue
         for j in range(3):
             b, q = outcome(game.lead, game.success, y, sees[1], seen[1], unseen[1], j)
-            a = to
-            if inter.blocks:
-                a, b = ends_of_two(inter, x, y, a, b)
-            got = game.toll if miscoordinate_two(inter, x, y, a, b) else 0.0
+            before, after = game.step
+            before[0] = x
+            before[1] = y
+            after[0] = to
+            after[1] = b
+            settle(inter, before, after)
+            a = after[0]
+            b = after[1]
+            got = game.toll if miscoordinates(inter, before, after) else 0.0
             if a == game.goals[0] and x != a:
                 got += game.prize[0]
             if b == game.goals[1] and y != b:

@@ -177,6 +177,7 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
         success=float(scenario.move_success),
         above=alone[0][:, None] + alone[1],
         everything=near[near != goals[0] * cells + goals[1]],
+        step=np.zeros((2, 2), dtype=np.int64),
     )
 
 

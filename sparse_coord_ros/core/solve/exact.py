@@ -10,14 +10,14 @@ robot is a pair whose other robot has arrived before it begins.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
-from sparse_coord_ros.core.game.interactions import interactions_of, none_of, of_cells
+from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probabilities_between
@@ -25,12 +25,12 @@ from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import evaluation
-from sparse_coord_ros.core.runs.evaluation import Evaluation, Measure, Progress
+from sparse_coord_ros.core.runs.evaluation import Progress
+from sparse_coord_ros.core.runs.measures import EXACT, TRIAL, Measures
 from sparse_coord_ros.core.solve.exact_loops import (
     ARRIVED,
     CONFLICTS,
     QUANTITIES,
-    RETURN,
     Distribution,
     Pair,
     Sums,
@@ -46,52 +46,12 @@ MOST_OUTCOMES = 50_000_000
 which take up to five seconds: beyond that trials are quicker."""
 
 
-@dataclass(frozen=True)
-class ExactEvaluation:
-    """The exact measures of a team; they are those of `Evaluation`.
-
-    Attributes:
-        returns: total discounted reward a robot: goal paid from arrival on for ever, penalties,
-            costs of asking. Its spread is over single robots and trials, as in trials.
-        time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
-        miscoordinations: steps of a trial that end in a miscoordination.
-        asks: how often a robot chose COORDINATE in a trial.
-        all_arrived: probability that all robots arrive within the horizon.
-        robots: expected return of each robot.
-        asked: expected number of asks of a trial in each cell, shape (robots, cells).
-        stays: expected number of steps that each robot acts in each cell, same shape.
-    """
-
-    returns: Measure
-    time_to_goal: Measure
-    miscoordinations: Measure
-    asks: Measure
-    all_arrived: float
-    robots: tuple[float, ...]
-    asked: np.ndarray
-    stays: np.ndarray
-
-    def __repr__(self) -> str:
-        """Return the measures on one line."""
-        return f"<ExactEvaluation: {evaluation.measured_in_words(self)}>"
-
-    @property
-    def how(self) -> str:
-        """How it was found, in words."""
-        return "exact"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data, without the fields for each cell."""
-        said = asdict(self)
-        return {k: v for k, v in said.items() if k not in ("asked", "stays")}
-
-
 def evaluate_exact(
     scenario: Scenario,
     tables: Sequence[Tables],
     *,
     learner: str | Learner | None = None,
-) -> ExactEvaluation:
+) -> Measures:
     """Compute the value of a team of one or two robots.
 
     Args:
@@ -114,33 +74,51 @@ def evaluate_exact(
     return evaluate_greedy(scenario, _robots(acting))
 
 
-def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> ExactEvaluation:
+def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> Measures:
     """Compute the value of one or two robots with known policies.
 
     Raises:
         SettingError: there are more joint states within their reach than it pays for.
     """
-    team = len(scenario.robots)
     own = _within_reach(scenario, robots)
     sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
     if sums is None:
         raise _does_not_pay(
             scenario, f"over {MOST_OUTCOMES:,} outcomes of steps", "as many"
         )
+    found = _measures(scenario, own, sums)
+    team = len(scenario.robots)
+    returns, time_to_goal, asks = sums.squares[:-1].reshape(3, 2)[:, :team]
+    squares = {
+        "returns": returns,
+        "time_to_goal": time_to_goal,
+        "miscoordinations": sums.squares[-1:],
+        "asks": asks,
+        "arrived": found.arrived,
+    }
+    variances = {
+        name: np.array([max(0.0, square.mean() - found.mean(name) ** 2)])
+        for name, square in squares.items()
+    }
+    return replace(found, variances=variances)
+
+
+def _measures(scenario: Scenario, own: np.ndarray, sums: Sums) -> Measures:
+    """Return the means of a trial, in which robots do not leave the cells `own`."""
+    team = len(scenario.robots)
     asked, stays = np.zeros((2, team, len(scenario.map.cells)))
     asked[:, own] = sums.asked[:team]
     stays[:, own] = sums.stays[:team]
-    squares = sums.squares[:-1].reshape(3, 2)
-    returns, time_to_goal, asks = map(
-        _measure, sums.robots[:, :team], squares[:, :team]
-    )
-    return ExactEvaluation(
+    returns, time_to_goal, asks = sums.robots[:, None, :team]
+    return Measures(
+        source=EXACT,
+        unit=TRIAL,
+        trials=0,
         returns=returns,
         time_to_goal=time_to_goal,
-        miscoordinations=_measure(sums.team[: CONFLICTS + 1], sums.squares[-1:]),
+        miscoordinations=sums.team[[CONFLICTS]],
         asks=asks,
-        all_arrived=min(1.0, float(sums.team[ARRIVED])),
-        robots=tuple(sums.robots[RETURN, :team].tolist()),
+        arrived=np.minimum(1.0, sums.team[[ARRIVED]]),
         asked=asked,
         stays=stays,
     )
@@ -154,7 +132,7 @@ def evaluate_best(
     seed: int = 0,
     learner: str | Learner | None = None,
     progress: Progress = evaluation.silent,
-) -> ExactEvaluation | Evaluation:
+) -> Measures:
     """Compute the exact value of a team if possible, else play trials.
 
     Args:
@@ -171,13 +149,14 @@ def evaluate_best(
     try:
         return evaluate_exact(scenario, tables, learner=learner)
     except SettingError:  # too many robots, or too large
-        how: Any = {
-            "trials": trials,
-            "seed": seed,
-            "learner": learner,
-            "progress": progress,
-        }
-        return evaluation.summary(evaluation.play(scenario, tables, **how))
+        return evaluation.play(
+            scenario,
+            tables,
+            trials=trials,
+            seed=seed,
+            learner=learner,
+            progress=progress,
+        )
 
 
 def check_exact(scenario: Scenario) -> None:
@@ -190,24 +169,8 @@ def check_exact(scenario: Scenario) -> None:
         )
 
 
-class ExactMeans(NamedTuple):
-    """The exact means of a trial of a team of two robots.
-
-    Attributes:
-        returns, time_to_goal, asks: of each robot, shape (2,).
-        miscoordinations: of the team.
-        arrived: probability that both arrive within the horizon.
-    """
-
-    returns: np.ndarray
-    time_to_goal: np.ndarray
-    asks: np.ndarray
-    miscoordinations: float
-    arrived: float
-
-
-def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | None:
-    """Return the means of `evaluate_exact`, a hundred times faster, or None.
+def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> Measures | None:
+    """Return the means of `evaluate_exact`, without spreads, a hundred times faster; or None.
 
     There are none for another number of robots than two, and on maps so large that a team without
     a policy would take longer than trials.
@@ -220,10 +183,10 @@ def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> ExactMeans | No
     large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
     if len(scenario.robots) != MOST_ROBOTS or large:
         return None
-    robots = _robots(tables)
-    sums = _carried(_pair(scenario, robots, np.arange(cells)), spreads=False)
+    every = np.arange(cells)
+    sums = _carried(_pair(scenario, _robots(tables), every), spreads=False)
     assert sums is not None
-    return ExactMeans(*sums.robots, *map(float, sums.team))
+    return _measures(scenario, every, sums)
 
 
 def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
@@ -312,7 +275,10 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
     moves = np.array([_moves(one, own, percepts) for one in robots])
     starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
     goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
-    interactions = of_cells(interactions_of(scenario), own)
+    inter = interactions_of(scenario)
+    interactions = inter._replace(
+        places=inter.places[own], passages=inter.passages[own], narrow=inter.narrow[own]
+    )
     penalties = scenario.penalties
     if alone:
         starts = np.append(starts, goals)
@@ -320,7 +286,9 @@ def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair
         penalties = (*penalties, 0.0)
         asking = np.repeat(asking, 2, axis=0)
         moves = np.repeat(moves, 2, axis=0)
-        interactions = none_of(interactions)
+        interactions = interactions._replace(
+            places=np.full(cells, NOWHERE), swaps=False, blocks=False
+        )
     # No robot makes a move that leads out of the cells.
     lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
     either = moves.sum(axis=1)
@@ -366,6 +334,7 @@ def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
         stays=np.zeros((2, cells)),
         brought=np.zeros((2, QUANTITIES)),
         so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
+        step=np.zeros((2, 2), dtype=np.int64),
     )
     return sums if compiled()(pair, now, later, sums, most) else None
 
@@ -401,9 +370,3 @@ def _greedy(values: np.ndarray) -> np.ndarray:
     best = values == values.max(axis=-1, keepdims=True)
     chosen: np.ndarray = best / best.sum(axis=-1, keepdims=True)
     return chosen
-
-
-def _measure(means: np.ndarray, squares: np.ndarray) -> Measure:
-    """Return mean and spread over robots and trials; exact, so without a sampling error."""
-    mean = means.mean()
-    return Measure(float(mean), float(np.sqrt(max(0.0, squares.mean() - mean**2))), 0.0)

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inlined, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, inner, jit
 from sparse_coord_ros.core.game.actions import OUTCOMES, STAY
 from sparse_coord_ros.core.game.interactions import (
     Interactions,
-    ends_of_two,
-    miscoordinate_two,
+    miscoordinates,
+    settle,
 )
 
 
@@ -79,6 +79,7 @@ class Sums(NamedTuple):
         so_far: mean of each quantity so far, times the probability of the joint state, now and
             after the step; (2, cells^2, QUANTITIES), or (2, 0, QUANTITIES) where squares are not
             wanted.
+        step: cells of the robots before and after a step; (2, 2).
     """
 
     robots: np.ndarray
@@ -88,6 +89,7 @@ class Sums(NamedTuple):
     stays: np.ndarray
     brought: np.ndarray
     so_far: np.ndarray
+    step: np.ndarray
 
 
 class Distribution(NamedTuple):
@@ -144,7 +146,7 @@ def carry(
     return True
 
 
-@inlined
+@inner
 def follow(
     pair: Pair,
     sums: Sums,
@@ -171,6 +173,7 @@ def follow(
     """
     cells = len(pair.lead)
     inter = pair.interactions
+    before, after = sums.step
     x = state // cells
     z = state % cells
     outcomes = 0
@@ -185,9 +188,14 @@ def follow(
             outcomes += 1
             y = pair.lead[x, a]
             w = pair.lead[z, b]
-            if inter.blocks:
-                y, w = ends_of_two(inter, x, z, y, w)
-            conflict = miscoordinate_two(inter, x, z, y, w)
+            before[0] = x
+            before[1] = z
+            after[0] = y
+            after[1] = w
+            settle(inter, before, after)
+            y = after[0]
+            w = after[1]
+            conflict = miscoordinates(inter, before, after)
             target = y * cells + w
             pay(pair, sums, x, z, y, w, conflict, factor * q, q)
             if squared:
@@ -199,7 +207,7 @@ def follow(
     return outcomes
 
 
-@inlined
+@inner
 def add(distribution: Distribution, state: int, p: float) -> None:
     """Add to the probability of a joint state."""
     if distribution.likely[state] == 0.0:

@@ -20,7 +20,6 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.core.game.interactions import (
-    any_together,
     interactions_of,
     miscoordinations,
     only_together,
@@ -160,7 +159,7 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
     after = np.empty((OUTCOMES,) * team + (cells**team,), dtype=np.int32)
     paid = np.empty(after.shape)
     for chosen in product(range(OUTCOMES), repeat=team):
-        wanted = [ways[k][chosen[k], before[k]] for k in range(team)]
+        wanted = np.stack([ways[k][chosen[k], before[k]] for k in range(team)])
         ends = settled(inter, before, wanted)
         conflict = miscoordinations(inter, before, ends)
         after[chosen] = np.ravel_multi_index(tuple(ends), shape)
@@ -236,10 +235,10 @@ def successors(scenario: Scenario, k: int) -> np.ndarray:
 def payment(scenario: Scenario) -> np.ndarray:
     """Shape (cells,) * robots: average reward of a step that ends there, but for swaps."""
     paid = _paid_at_goals(scenario)
-    states = np.indices(paid.shape)
-    conflict = any_together(interactions_of(scenario).places[states])
+    states = np.indices(paid.shape).reshape(paid.ndim, -1)
+    conflict = miscoordinations(interactions_of(scenario), states, states)
     toll = sum(scenario.penalties) / len(scenario.robots)
-    return paid + np.where(conflict, toll, 0.0)
+    return paid + np.where(conflict, toll, 0.0).reshape(paid.shape)
 
 
 def _paid_at_goals(scenario: Scenario) -> np.ndarray:

@@ -21,13 +21,14 @@ from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
-    any_together,
     interactions_of,
+    miscoordinates,
     miscoordinations,
     only_together,
     settled,
 )
 from sparse_coord_ros.core.game.scenario import Robot, Scenario, ScenarioLike, loaded
+from sparse_coord_ros.core.runs.measures import HEADINGS, MEASURES
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, Greedy, evaluate_greedy
 from sparse_coord_ros.core.solve.optimum import independent_bound
 
@@ -78,6 +79,14 @@ class Reference:
             return value
         return f"{value} ({getattr(self, f'{name}_error'):.2f})"
 
+    def cells(self) -> dict[str, str]:
+        """Return the cells of a table's row, as `Measures.cells`."""
+        cells = {HEADINGS[name]: "0.00" for name in MEASURES}
+        for name in ("returns", "time_to_goal", "miscoordinations"):
+            cells[HEADINGS[name]] = self.measure_in_words(name)
+        cells[HEADINGS["arrived"]] = percent(self.all_arrived)
+        return cells | {"source": "exact" if self.exact else f"{self.trials} trials"}
+
     def in_words(self) -> str:
         """Return return and miscoordinations, with their errors, and the failures."""
         returns = self.measure_in_words("returns")
@@ -123,10 +132,10 @@ def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
     ]
     found = evaluate_greedy(scenario, robots)
     return Reference(
-        returns=found.returns.mean,
-        time_to_goal=found.time_to_goal.mean,
-        miscoordinations=found.miscoordinations.mean,
-        all_arrived=found.all_arrived,
+        returns=found.mean("returns"),
+        time_to_goal=found.mean("time_to_goal"),
+        miscoordinations=found.mean("miscoordinations"),
+        all_arrived=found.mean("arrived"),
     )
 
 
@@ -205,7 +214,8 @@ def _miscoordination_probability(
         arrive within the horizon.
     """
     robots = scenario.robots
-    places = interactions_of(scenario).places
+    inter = interactions_of(scenario)
+    places = inter.places
     meeting = [
         np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])
     ]
@@ -229,7 +239,7 @@ def _miscoordination_probability(
         in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
-    crowded_at_home = float(any_together(places[goals]))
+    crowded_at_home = float(miscoordinates(inter, goals, goals))
     apart = _one_each(occupied.T)
     likely = np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
     in_time = all_arrived[scenario.horizon : scenario.horizon + 1]

@@ -10,9 +10,8 @@ from sparse_coord_ros.core.game.percepts import percepts_can_succeed
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.runs.evaluation import Evaluation, fails
+from sparse_coord_ros.core.runs.measures import Measures, fails
 from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
-from sparse_coord_ros.core.solve.exact import ExactEvaluation
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import yardsticks
@@ -48,9 +47,7 @@ class Verdict(NamedTuple):
     text: str
 
 
-def last_word(
-    scenario: Scenario, learner: Learner, found: Evaluation | ExactEvaluation
-) -> Verdict:
+def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
     """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
@@ -64,8 +61,8 @@ def last_word(
         learner: the learner.
         found: the value of its team.
     """
-    missed = 1.0 - found.all_arrived
-    if fails(found.all_arrived):
+    if found.failed:
+        missed = 1.0 - found.mean("arrived")
         cure = "more steps"
         if not isinstance(learner, Factored):
             cure = "more steps, or --learner factored"
@@ -75,11 +72,11 @@ def last_word(
         )
     alone = independent_bound(scenario)
     ignoring = shortest_path_reference(scenario)
-    earned = found.returns.mean
+    earned = found.mean("returns")
     slight = SLIGHT * alone
     expected = advice(scenario)
     remedy = _remedy(scenario, learner)
-    error = math.hypot(found.returns.standard_error, ignoring.returns_error)
+    error = math.hypot(found.error("returns"), ignoring.returns_error)
     if ignoring.returns - earned > slight + LOSS_ERRORS * error:
         return Verdict(
             WORSE,
@@ -98,7 +95,7 @@ def last_word(
     own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.returns:.2f}"
     if not percepts_can_succeed(scenario):
         return Verdict(IN_VAIN, f"{remedy} In this team {own}.")
-    asks = found.asks.mean
+    asks = found.mean("asks")
     if not learner.asks or asks < RARE:
         why = f"a robot asks {asks:.2g} times an episode"
         if not learner.asks:
@@ -123,14 +120,13 @@ def last_word(
     return Verdict(FAILING, text)
 
 
-def _compared(
-    scenario: Scenario, found: Evaluation | ExactEvaluation, ignoring: Reference
-) -> str:
+def _compared(scenario: Scenario, found: Measures, ignoring: Reference) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
     With block alone there are no miscoordinations; robots in each other's way lose time.
     """
-    steps = f"{found.time_to_goal.mean:.3g} instead of {ignoring.time_to_goal:.3g}"
+    taken = found.mean("time_to_goal")
+    steps = f"{taken:.3g} instead of {ignoring.time_to_goal:.3g}"
     if scenario.interactions.startswith("block"):
         arrive = ""
         if fails(ignoring.all_arrived):
@@ -139,7 +135,7 @@ def _compared(
                 f" Robots that ignore each other all arrive in {share} of the trials."
             )
         return f"Steps to the goal: {steps}.{arrive}"
-    counted = found.miscoordinations.mean
+    counted = found.mean("miscoordinations")
     return (
         f"Miscoordinations per episode: {counted:.2g} instead of "
         f"{ignoring.miscoordinations:.2g}."

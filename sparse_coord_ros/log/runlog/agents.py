@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.world import Action
-from sparse_coord_ros.core.learners.mind import Memory, memory_of
+from sparse_coord_ros.core.learners.mind import Memory, memory_before
 from sparse_coord_ros.core.runs.tables import saved_arrays
 from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.difference import (
@@ -33,7 +33,7 @@ def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]
     first = [one for one in log.all_tables if (one.robot, one.step) == (k, 0)]
     if run.tables or run.greedy:
         return (first[0].tables.memory if first else None), None
-    fresh = memory_of(run.rule.mind(run.scenario, k))
+    fresh = memory_before(run.rule, run.scenario, k)
     if not first:
         return fresh, None
     due = saved_arrays({k + 1: fresh})

@@ -8,11 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import MOVE_TIE
+from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.corrections import corrections_of
-from sparse_coord_ros.core.learners.factored import Factored
-from sparse_coord_ros.core.learners.mind import Memory, memory_of
-from sparse_coord_ros.core.learners.policy import LEAVING
-from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
+from sparse_coord_ros.core.learners.factored import (
+    LEAVING,
+    Factored,
+    leaves_stand_offs,
+)
+from sparse_coord_ros.core.learners.mind import Memory, memory_before
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, greedy
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.dialogue import Request
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
@@ -132,7 +137,7 @@ def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | No
         return newest.step, newest.tables.memory
     if log.run.tables or log.run.greedy:
         return 0, None
-    return 0, memory_of(log.run.rule.mind(log.run.scenario, robot))
+    return 0, memory_before(log.run.rule, log.run.scenario, robot)
 
 
 def _logged(
@@ -159,7 +164,7 @@ def _replayed(
     perceived = one.perceived
     agrees = replay.advance(place)
     values = tuple(agent.values_asking(cell, perceived)[:PRIMITIVES])
-    waiting_move = agent.move_if_it_waits(one.step, cell, perceived)
+    waiting_move = greedy_move(agent, one.step, values)
     entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
     entries += [] if perceived is None else [(cell, *perceived, one.move)]
 
@@ -174,7 +179,9 @@ def _replayed(
                 if perceived is None
                 else dict(zip(agent.peers, perceived, strict=True))
             )
-            rho = corrections_of(agent.mind, agent.task, cell, seen, one.move)
+            rho = corrections_of(
+                agent.mind, agent.task, agent.number, cell, seen, one.move
+            )
         return found, rho
 
     before, rho = learned()
@@ -182,7 +189,7 @@ def _replayed(
         move = one.move if replay.other is None else replay.other.move
         return one._replace(move=move, q_values=values, agrees=False)
     one = one._replace(q_values=values)
-    if waiting_move != one.move:
+    if has_left(log.run, perceived, one.move, waiting_move):
         one = one._replace(waiting_move=waiting_move)
     if not trajectory.learned[place]:
         return one
@@ -193,6 +200,11 @@ def _replayed(
     led = int(trajectory.next_cell[place])
     update = Update(led, reward, star, coord[0] if coord else None, corrections)
     return one._replace(update=update)
+
+
+def greedy_move(agent: Agent, step: int, values: Sequence[float]) -> int:
+    """Return the greedy move of an agent that asks at a time step, by the values of the moves."""
+    return greedy(values, PRIMITIVES, agent.task.keys[agent.number], step, MOVE_TIE)
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:
@@ -220,6 +232,18 @@ MAY_HAVE_LEFT = (
 """The text for a move with unknown values."""
 
 
+def has_left(
+    run: RunConfig, perceived: Sequence[int] | None, move: int, greedy_move: int
+) -> bool:
+    """Return whether a robot that asked left a stand-off by its move.
+
+    There is no other reason for a move that is not greedy: after an answer a robot that learns by
+    `factored` does not explore.
+    """
+    answered = perceived is not None
+    return answered and isinstance(run.known_rule, Factored) and move != greedy_move
+
+
 def may_have_left(
     run: RunConfig,
     robot: int,
@@ -240,8 +264,7 @@ def may_have_left(
     stood = None not in now and all(
         was == at for was, at in zip(before, now, strict=True)
     )
-    rule = run.known_rule
-    if rule is None or not rule.leaves_stand_offs(run.scenario):
+    if not isinstance(run.known_rule, Factored) or not leaves_stand_offs(run.scenario):
         return False
     if not all(answered) or not stood:
         return False

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.attached import RecordedTables
+from sparse_coord_ros.log.runlog.explain import greedy_move
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire
@@ -47,7 +47,7 @@ class Reason(NamedTuple):
 
     Attributes:
         values: the values of the four moves, as in `explain`.
-        move: their greedy move; the robot made another one if it left a stand-off.
+        move: their greedy move.
     """
 
     values: tuple[float, ...]
@@ -247,5 +247,4 @@ class Relearned:
 def _reason(agent: Agent, step: int, asked: AskedQuestion) -> Reason:
     """Return the reason for the move of an agent that asked."""
     values = agent.values_asking(asked.cell, asked.perceived)
-    move = agent.move_if_it_waits(step, asked.cell, asked.perceived)
-    return Reason(tuple(values[:PRIMITIVES]), move)
+    return Reason(tuple(values), greedy_move(agent, step, values))

@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from sparse_coord_ros.core.learners.policy import asks_surely
+from sparse_coord_ros.core.learners.rules import asks_surely
 from sparse_coord_ros.protocol.wire.frame import Frame
 
 UNKNOWN = -1

@@ -88,7 +88,7 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def add_result(out: Path, result: Mapping[str, float | None]) -> None:
+def add_result(out: Path, result: Mapping[str, Any]) -> None:
     """Put what a learned team is worth at the beginning of `summary.yaml`."""
     path = out / SUMMARY_FILE
     summary = yaml_value(read_text(path, RunError, "remove it"), where=str(path))

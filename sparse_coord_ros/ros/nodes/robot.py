@@ -8,8 +8,6 @@
 from pathlib import Path
 from typing import Any, Unpack
 
-import numpy as np
-
 from sparse_coord_ros.base.errors import NameTakenError, TablesError, os_error_text
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.world import Action, Reward
@@ -153,10 +151,8 @@ class Member:
 
     def episode(self, step: int) -> None:
         """Publish the current coordination map, when an episode begins and now and then."""
-        rows = self.lockstep.agent.mind.q_star
-        self._map_publisher.publish(
-            self._convert.pack_coordination_map(step, np.array(rows))
-        )
+        q_star = self.lockstep.agent.q_star
+        self._map_publisher.publish(self._convert.pack_coordination_map(step, q_star))
 
     def checkpoint(self, step: int) -> None:
         """Publish the current tables, and save a checkpoint."""

@@ -22,9 +22,8 @@ from std_msgs.msg import UInt8MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.core.game.interactions import (
-    as_lists,
     interactions_of,
-    miscoordinate,
+    miscoordinates,
 )
 from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.core.learners.tables import Tables
@@ -394,7 +393,7 @@ class HeardTeam:
         self._node = node
         self._run = run
         self._goals = [robot.goal for robot in run.scenario.robots]
-        self._interactions = as_lists(interactions_of(run.scenario))
+        self._interactions = interactions_of(run.scenario)
         self.history = HistoryRecorder(len(self._goals))
         self.seen = self.episode = self.without = self._ticks = 0
         self.whole = True
@@ -553,7 +552,7 @@ class HeardTeam:
         actions, ends = zip(*said, strict=True)
         after = tuple(then.cells[k] for k in robots)
         cells = tuple(here.cells[k] for k in robots)
-        met = miscoordinate(self._interactions, cells, after, robots)
+        met = miscoordinates(self._interactions, cells, after)
         told = tuple(
             Reward(0.0, 0.0, 0.0, 0.0) if one is None else one for one in rewards
         )

@@ -7,7 +7,6 @@ one before of its type: the page needs only the newest of each.
 """
 
 from collections.abc import Container, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -15,18 +14,16 @@ import numpy as np
 
 from sparse_coord_ros.base import palette
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.evaluation import MEASURES
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
 from sparse_coord_ros.core.solve.reference import shortest_path_reference
-from sparse_coord_ros.core.solve.shipped import yardsticks
+from sparse_coord_ros.core.solve.shipped import known_optimum, yardsticks
 from sparse_coord_ros.core.solve.verdict import last_word
 from sparse_coord_ros.lab.maps.image import under
 from sparse_coord_ros.log.runlog import explain
@@ -265,21 +262,21 @@ def evaluation_fields(
     Raises:
         TablesError: the tables do not fit the run.
     """
-    result = evaluate_best(run.scenario, tables, trials=PAGE_TRIALS, learner=run.rule)
-    measures = {name: getattr(result, name) for name in MEASURES}
+    scenario = run.scenario
+    measures = evaluate_best(scenario, tables, trials=PAGE_TRIALS, learner=run.rule)
+    optimum = known_optimum(scenario).value
     return {
-        "how": result.how,
         "step": step,
         "learner": run.title,
-        **{name: asdict(one) for name, one in measures.items()},
-        "all_arrived": percent(result.all_arrived),
-        "failing": failing_in_words(result.all_arrived),
+        **measures.to_dict(),
+        "cells": measures.cells(optimum=optimum, spread=True),
+        "failing": failing_in_words(measures),
         "askers": _askers(run, tables),
-        "last_word": last_word(run.scenario, run.rule, result).text
+        "last_word": last_word(scenario, run.rule, measures).text
         if step is None
         else "",
-        "yardsticks": yardsticks(run.scenario),
-        "ignoring": _ignoring(run.scenario),
+        "yardsticks": yardsticks(scenario),
+        "ignoring": _ignoring(scenario),
     }
 
 
@@ -382,7 +379,7 @@ def in_words(
         known: numbers of the robots whose tables are known; for the others no reason is given.
         narrator: of the scenario.
         rows: by robot, the row of its tables that decided, in words.
-        says: by robot, the move that this row says, if that is known.
+        says: by robot, the greedy move of this row, if that is known.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
@@ -398,8 +395,9 @@ def in_words(
         lines = [explain.choice_in_words(run, k, cell), f"asks {whom}: {told}"]
         by_cell = cell if k in known else None
         waiting_move = None
-        if perceived is not None and says.get(k, move) != move:
-            waiting_move = says[k]
+        says_move = says.get(k, move)
+        if explain.has_left(run, perceived, move, says_move):
+            waiting_move = says_move
             lines.append(explain.LEAVES)
         elif k not in says and _may_have_left(run, before, seen, question):
             by_cell = None

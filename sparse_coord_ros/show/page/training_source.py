@@ -4,6 +4,8 @@
 
 import time
 
+import numpy as np
+
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.team import groups_of
@@ -131,7 +133,8 @@ class TrainedView(LiveView):
         self._made = int(shown.history.length.sum()) // groups
         newest = {k: (None, own) for k, own in enumerate(tables)}
         played = f"asked here in {PLAYED_EPISODES} greedy episodes"
-        self.show_learned(shown.history, newest, asked=shown.trials.asked, where=played)
+        asked = np.rint(shown.trials.asked * PLAYED_EPISODES).astype(np.int64)
+        self.show_learned(shown.history, newest, asked=asked, where=played)
         self._steps = messages.put_end(board, run, tables)
 
     def play(self) -> None:

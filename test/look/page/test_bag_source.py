@@ -344,9 +344,9 @@ def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     assert curves["length"] == history.length.tolist()  # so few that each is a point
     evaluation = player.board.get("evaluation")
     [[name, optimum]] = evaluation["yardsticks"]
-    assert name == "exact joint optimum" and optimum > evaluation["returns"]["mean"]
-    assert evaluation["how"] == "exact" and evaluation["step"] > 0
-    assert evaluation["returns"]["standard_error"] == 0.0, "of trials the page shows it"
+    assert name == "exact joint optimum" and optimum > evaluation["returns"]
+    assert evaluation["source"] == "exact" and evaluation["step"] > 0
+    assert evaluation["returns_error"] == 0.0, "of trials the page shows it"
     player.do(SEEK, 10**9)
     assert np.array(player.board.get("asked")["robots"]).sum() == history.asks.sum()
 
@@ -427,7 +427,7 @@ def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
     begun = r"Here not all robots arrive without a miscoordination\. (Here )?robot_[12] asks "
     assert re.match(begun, text)
     player.source.read_through()
-    share = player.board.get("evaluation")["all_arrived"]
+    share = player.board.get("evaluation")["cells"]["all arrive"]
     assert share != percent(1.0)
     failing, lesson, *_ = player.board.get("learned")["lines"]
     assert failing == (

@@ -100,8 +100,8 @@ class Column {
     const { evaluation } = this.newest;
     const one = (value, words) => html("div", {}, html("dt", {}, words), html("dd", {}, value));
     this.value.replaceChildren(
-      ...MEASURES.filter(([name]) => name !== "miscoordinations" || this.canMiscoordinate).map(([name, digits, words]) => one(withError(evaluation[name], digits), words)),
-      one(evaluation.all_arrived, "all arrive"));
+      ...MEASURES.filter(([name]) => name !== "miscoordinations" || this.canMiscoordinate).map(([name, digits, words]) => one(withError(evaluation, name, digits), words)),
+      one(evaluation.cells["all arrive"], "all arrive"));
   }
 
   // What happened when, as ticks on the time line.
@@ -151,8 +151,9 @@ function movesInWords(best) {
 }
 
 // A mean, with its standard error where it has one.
-function withError({ mean, standard_error: error }, digits) {
-  return mean.toFixed(digits) + (error > 0 ? ` (s.e. ${error.toFixed(digits)})` : "");
+function withError(evaluation, name, digits) {
+  const error = evaluation[`${name}_error`];
+  return evaluation[name].toFixed(digits) + (error > 0 ? ` (s.e. ${error.toFixed(digits)})` : "");
 }
 
 // Which robots of a team ask, in words.
@@ -176,9 +177,9 @@ function headline() {
     $("headline").textContent = several ? `I${each.slice(1)}` : `In all runs ${said[0]}.`;
     return;
   }
-  const often = values.map((value, k) => `${withError(value.asks, 2)} times an episode in ${letter(k)}`);
+  const often = values.map((value, k) => `${withError(value, "asks", 2)} times an episode in ${letter(k)}`);
   const told = several ? each : `in all runs ${said[0]}: a robot ${often.join(", ")}.`;
-  const earned = values.map((value, k) => `${withError(value.returns, 2)} in ${letter(k)}`).join(", ");
+  const earned = values.map((value, k) => `${withError(value, "returns", 2)} in ${letter(k)}`).join(", ");
   const failing = values.map((value, k) => (value.failing ? `The team of ${letter(k)} fails. ` : "")).join("");
   $("headline").textContent = `${failing}I${told.slice(1)} On average a robot earns ${earned}.`;
   const beside = new Set(values.map(yardsticks));

@@ -98,21 +98,19 @@ const YARDSTICKS = {
 export function evaluationPanel(run, e) {
   $("evaluation-panel").hidden = !e;
   if (!e) return;
-  const error = (one) => (one.standard_error > 0 ? ` (s.e. ${one.standard_error.toFixed(2)})` : "");
-  const pair = (one) => `${one.mean.toFixed(2)} ± ${one.spread.toFixed(2)}${error(one)}`;
   const known = e.yardsticks.map(([name, value]) => {
     const one = row("td", ["", value.toFixed(2)]);
     one.cells[0].append(name, html("small", {}, YARDSTICKS[name] ?? ""));
     return one;
   });
   $("evaluation").replaceChildren(
-    row("th", ["measure", `${e.learner}, ${e.how}`]),
-    row("td", ["discounted return of a robot", pair(e.returns)]),
+    row("th", ["measure", `${e.learner}, ${e.cells.source}`]),
+    row("td", ["discounted return of a robot", e.cells.return]),
     ...known,
-    row("td", ["time to goal", pair(e.time_to_goal)]),
-    ...(run.kinds.includes("miscoordination") ? [row("td", ["miscoordinations", pair(e.miscoordinations)])] : []),
-    row("td", ["questions of a robot", pair(e.asks)]),
-    row("td", ["all arrive", e.all_arrived]),
+    row("td", ["time to goal", e.cells["time to goal"]]),
+    ...(run.kinds.includes("miscoordination") ? [row("td", ["miscoordinations", e.cells.miscoordinations])] : []),
+    row("td", ["questions of a robot", e.cells.asks]),
+    row("td", ["all arrive", e.cells["all arrive"]]),
     html("caption", {}, e.last_word));
   $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of time step ${number(e.step)}`;
 }

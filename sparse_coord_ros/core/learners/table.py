@@ -1,0 +1,180 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables with a row [move] for each key that was met, such as Q^C with its joint states.
+
+A table grows with what its robot visits, not with the number of joint states. Rows stand in the
+order in which they were met. An index finds the row of a key: hashing with open addressing and
+linear probing (Knuth, The Art of Computer Programming, vol. 3, Section 6.4, Algorithm L).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.core.game.actions import PRIMITIVES
+
+FIRST_ROWS = 256
+"""Rows for which a table has room at first; it doubles when they are used up."""
+
+
+class Table(NamedTuple):
+    """The tables of a team; k is a robot.
+
+    Attributes:
+        values: the entries [k, row, move], float64.
+        updates: how often each of them was updated [k, row, move], int64.
+        keys: the key of each row [k, row], int64.
+        used: rows in use [k], int64.
+        index: in the place of a key its row, 0 where a place is free [k, place], int64. The
+            number of places is a power of two, at least twice the number of rows.
+        span: the first rows are what rows begin with: row `key // span` is that of a key.
+        most: number of possible keys, which are from 0 to `most` - 1.
+        a_step: the most rows that a robot adds in a time step.
+    """
+
+    values: Any
+    updates: Any
+    keys: Any
+    used: Any
+    index: Any
+    span: int
+    most: int
+    a_step: int
+
+
+def table(most: int, first: np.ndarray, a_step: int = 1) -> Table:
+    """Return the table of one robot before learning: its arrays have no axis [k].
+
+    Args:
+        most: number of possible keys.
+        first: what rows begin with, shape (n, 4): the first `most / n` keys begin with its first
+            row, the next ones with the second, and so on.
+        a_step: the most rows that a time step adds.
+    """
+    rows = len(first) + a_step + FIRST_ROWS
+    values = np.zeros((rows, PRIMITIVES))
+    values[: len(first)] = first
+    return Table(
+        values=values,
+        updates=np.zeros((rows, PRIMITIVES), dtype=np.int64),
+        keys=np.zeros(rows, dtype=np.int64),
+        used=np.array(len(first)),
+        index=np.zeros(places_for(rows), dtype=np.int64),
+        span=most // len(first),
+        most=most,
+        a_step=a_step,
+    )
+
+
+def places_for(rows: int) -> int:
+    """Return the number of places of an index: a power of two, at least twice the rows."""
+    return 1 << (2 * rows - 1).bit_length()
+
+
+@inner
+def place_of(rows: Table, k: int, key: int) -> int:
+    """Return the place of a key in robot k's index, or the free place where it belongs."""
+    mask = rows.index.shape[1] - 1
+    place = (key ^ key >> 7 ^ key >> 17) & mask
+    row = rows.index[k, place]
+    while row != 0 and rows.keys[k, row] != key:
+        place = (place + 1) & mask
+        row = rows.index[k, place]
+    return place
+
+
+@inner
+def find(rows: Table, k: int, key: int) -> int:
+    """Return the row of a key, or the row with which it would begin."""
+    row = int(rows.index[k, place_of(rows, k, key)])
+    return row if row != 0 else key // rows.span
+
+
+@inner
+def met(rows: Table, task: Any, k: int, key: int) -> int:
+    """Return the row of a key, a new one if it was not met.
+
+    If there may be no room for the rows of another time step, it sets `task.full`.
+    """
+    place = place_of(rows, k, key)
+    row = int(rows.index[k, place])
+    if row != 0:
+        return row
+    row = int(rows.used[k])
+    begun = key // rows.span
+    for b in range(PRIMITIVES):
+        rows.values[k, row, b] = rows.values[k, begun, b]
+    rows.keys[k, row] = key
+    rows.index[k, place] = row
+    rows.used[k] = row + 1
+    if row + 1 + rows.a_step >= rows.keys.shape[1]:
+        task.full[0] = True
+    return row
+
+
+def grown(rows: Table, needed: int) -> Table:
+    """Return a table with room for so many rows of each robot; a copy."""
+    team, before = rows.keys.shape
+    larger = Table(
+        values=np.zeros((team, needed, PRIMITIVES)),
+        updates=np.zeros((team, needed, PRIMITIVES), dtype=np.int64),
+        keys=np.zeros((team, needed), dtype=np.int64),
+        used=rows.used,
+        index=np.zeros((team, places_for(needed)), dtype=np.int64),
+        span=rows.span,
+        most=rows.most,
+        a_step=rows.a_step,
+    )
+    first = rows.most // rows.span
+    for k in range(team):
+        used = min(int(rows.used[k]), before)
+        larger.values[k, :used] = rows.values[k, :used]
+        larger.updates[k, :used] = rows.updates[k, :used]
+        larger.keys[k, :used] = rows.keys[k, :used]
+        _index(larger, k, first, used)
+    return larger
+
+
+def _index(rows: Table, k: int, first: int, used: int) -> None:
+    """Enter some rows of robot k in its index."""
+    for row, key in enumerate(rows.keys[k, first:used].tolist(), start=first):
+        rows.index[k, place_of(rows, k, key)] = row
+
+
+class LearnedRows(NamedTuple):
+    """The rows of one robot's table that were met, in the order of their keys; a copy.
+
+    Attributes:
+        keys: shape (rows,), int64.
+        values: shape (rows, 4), float64.
+        updates: how often each entry was updated, shape (rows, 4), int64.
+    """
+
+    keys: np.ndarray
+    values: np.ndarray
+    updates: np.ndarray
+
+
+def learned_rows(rows: Table, k: int) -> LearnedRows:
+    """Return the rows of robot k."""
+    met_rows = slice(rows.most // rows.span, int(rows.used[k]))
+    keys = rows.keys[k, met_rows]
+    order = np.argsort(keys)
+    return LearnedRows(
+        keys[order], rows.values[k, met_rows][order], rows.updates[k, met_rows][order]
+    )
+
+
+def with_rows(rows: Table, k: int, learned: LearnedRows) -> Table:
+    """Return a table with these rows of robot k, which has none yet; a copy where it must grow."""
+    first = rows.most // rows.span
+    used = first + len(learned.keys)
+    if used + rows.a_step >= rows.keys.shape[1]:
+        rows = grown(rows, 2 * used + rows.a_step)
+    rows.keys[k, first:used] = learned.keys
+    rows.values[k, first:used] = learned.values
+    rows.updates[k, first:used] = learned.updates
+    rows.used[k] = used
+    _index(rows, k, first, used)
+    return rows
