@@ -15,11 +15,14 @@ import independent_algorithm1 as independent
 
 MAPS = Path(__file__).parents[2] / "maps"
 
-RUNS = 200
+RUNS = 100
 
 LIMIT = 4.5
 """Standard errors of a difference. Of two right programs with other seeds than these 48 means are
 compared: they would fail in one of 3,000 tries."""
+
+EVALUATED = ("returns", "asks", "miscoordinations", "arrived")
+"""What `independent.evaluate` returns."""
 
 CONDITIONS = [
     ("env1", "coop", -100, 20_000),
@@ -57,12 +60,7 @@ def test_as_a_second_implementation(name, learner, penalty, steps):
         assert difference <= LIMIT * error + 1e-9, means
     for number in range(3):
         exact = sc.evaluate_exact(runs[number])
-        found = {
-            "return": exact.returns.mean,
-            "asks": exact.asks.mean,
-            "miscoordinations": exact.miscoordinations.mean,
-            "arrived": exact.all_arrived,
-        }
+        found = {name: exact.mean(name) for name in EVALUATED}
         expected = {name: ours[number][name] for name in found}
         assert found == pytest.approx(expected, abs=1e-9)
 
@@ -77,8 +75,7 @@ def arrays_of(run):
 def measures(problem, penalty, q_star, q_coord):
     """Return measures of a team: of its greedy policy, and of its tables."""
     found = independent.evaluate(problem, float(penalty), q_star, q_coord)
-    names = ("return", "asks", "miscoordinations", "arrived")
-    learned = dict(zip(names, found, strict=True))
+    learned = dict(zip(EVALUATED, found, strict=True))
     first_rows = [q_star[k, start] for k, start in enumerate(problem.starts)]
     learned["Q* of moves at the start"] = np.mean([row[:4].max() for row in first_rows])
     learned["Q* of moves"] = q_star[:, :, :4].mean()

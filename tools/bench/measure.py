@@ -114,7 +114,7 @@ def vector(scenario: str, games: int = 1024, calls: int = 1000) -> float:
     return games * len(env.robots) * (calls - 1) / seconds / 1e6
 
 
-def start(what: str, times: int = 9) -> float:
+def start(what: str, times: int = 5) -> float:
     """Return the median milliseconds of a process: `import`, or `help` of the command."""
     commands = {
         "import": [sys.executable, "-c", "import sparse_coord_ros"],
