@@ -147,7 +147,7 @@ def _scenario(scenario, results):
     known = []
     for penalty in PENALTIES:
         game = sc.load_scenario(name, penalty=penalty)
-        paths = sc.shortest_paths(game).returns
+        paths = sc.shortest_paths(game).mean("returns")
         yards = [("shortest paths", paths), *yardsticks(game)]
         known += [[what, f"{penalty:g}", f"{value:.2f}"] for what, value in yards]
     return f"""# {name}

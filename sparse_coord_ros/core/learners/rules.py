@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import (
     EXPLORE,
@@ -113,7 +113,7 @@ class Transition(NamedTuple):
 # Policies.
 
 
-@inner
+@jitable
 def greatest(values: Values, count: int) -> float:
     """Return the maximum of the first `count` values: max_b Q(y, b)."""
     best = float(values[0])
@@ -124,7 +124,7 @@ def greatest(values: Values, count: int) -> float:
     return best
 
 
-@inner
+@jitable
 def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
     """Return the greedy action pi_g of the first `count`: uniform among exact maxima.
 
@@ -153,7 +153,7 @@ def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
     return 0
 
 
-@inner
+@jitable
 def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4).
 
@@ -169,7 +169,7 @@ def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
     return greedy(values, len(ACTIONS), key, step, TIE)
 
 
-@inner
+@jitable
 def asks_surely(values: Any) -> Any:
     """Return whether a greedy robot asks here, whatever it draws.
 
@@ -189,7 +189,7 @@ def asks_surely(values: Any) -> Any:
     return asks
 
 
-@inner
+@jitable
 def asks_at_times(values: Any) -> Any:
     """Return whether a greedy robot may ask: COORDINATE is at least as good as any move.
 
@@ -204,25 +204,25 @@ def asks_at_times(values: Any) -> Any:
 # Updates.
 
 
-@inner
+@jitable
 def scheduled(values: Any, step: int) -> float:
     """Return the number of a time step in a schedule; after its end the last one holds."""
     return float(values[min(step, len(values) - 1)])
 
 
-@inner
+@jitable
 def step_size(task: Task, count: int, step: int) -> float:
     """Return alpha of the n-th update of an entry: never less than the floor of the time step."""
     return max(float(task.step_sizes[count]), scheduled(task.floors, step))
 
 
-@inner
+@jitable
 def toward(value: float, alpha: float, target: float) -> float:
     """Return a value moved toward a target by a share of the way."""
     return value + alpha * (target - value)
 
 
-@inner
+@jitable
 def reward_of(task: Task, now: Transition) -> float:
     """Return R_k(t) as it counts in learning."""
     weights = task.weights
@@ -231,7 +231,7 @@ def reward_of(task: Task, now: Transition) -> float:
     )
 
 
-@inner
+@jitable
 def ql_update(
     values: Any,
     updates: Any,
@@ -261,7 +261,7 @@ def ql_update(
     values[b] = (1.0 - alpha) * float(values[b]) + alpha * target
 
 
-@inner
+@jitable
 def copy_moves(source: Values, target: Any) -> None:
     """Copy the values of the moves."""
     for b in range(PRIMITIVES):
@@ -271,7 +271,7 @@ def copy_moves(source: Values, target: Any) -> None:
 # Joint states.
 
 
-@inner
+@jitable
 def joint_state(task: Task, k: int, cell: int, seen: int, cells: Any) -> int:
     """Return the number of a joint state: its digits are the own cell, then the seen peers'.
 
