@@ -144,7 +144,14 @@ compiles a function into its caller, which halves the time of a step; nobody nee
 
 
 def jitable(function: F) -> F:
-    """Let compiled loops call a function; for other callers it stays plain Python."""
+    """Let compiled loops call a function; for other callers it stays plain Python.
+
+    Args:
+        function: it may index arrays, compute, and call other such functions; it makes no objects.
+
+    Returns:
+        The same function. (It is numba's `register_jitable`, also where numba is not installed.)
+    """
     _jitable.append(function)
     return function
 

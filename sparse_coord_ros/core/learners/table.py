@@ -86,7 +86,13 @@ def place_of(rows: Table, k: int, key: int) -> int:
 
 @jitable
 def find(rows: Table, k: int, key: int) -> int:
-    """Return the row of a key, or the row with which it would begin."""
+    """Return the row of a key; if it was not met, the row with which it would begin.
+
+    Args:
+        rows: the tables of a team.
+        k: the robot.
+        key: the key, such as the number of a joint state.
+    """
     row = int(rows.index[k, place_of(rows, k, key)])
     return row if row != 0 else key // rows.span
 
@@ -95,7 +101,14 @@ def find(rows: Table, k: int, key: int) -> int:
 def met(rows: Table, task: Any, k: int, key: int) -> int:
     """Return the row of a key, a new one if it was not met.
 
-    If there may be no room for the rows of another time step, it sets `task.full`.
+    If there may be no room for the rows of another time step, it sets `task.full`; the caller of
+    the loop then gives room.
+
+    Args:
+        rows: the tables of a team, changed.
+        task: the task.
+        k: the robot.
+        key: as of `find`.
     """
     place = place_of(rows, k, key)
     row = int(rows.index[k, place])
