@@ -86,7 +86,7 @@ OWN = "expected_sarsa:ExpectedSarsa"
 
 @pytest.fixture
 def compared(monkeypatch):
-    """Return a function that compares trials and tables of two pairs of learner and engine."""
+    """Return a function that compares measures and tables of two pairs of learner and engine."""
     monkeypatch.syspath_prepend(EXAMPLES)
     allow_modules(OWN.partition(":")[0])
 
@@ -98,7 +98,7 @@ def compared(monkeypatch):
             )
             for learner, engine in pairs
         )
-        same = first.trials.returns.tobytes() == second.trials.returns.tobytes()
+        same = first.measures == second.measures
         return same, tables_equal(first.tables, second.tables)
 
     return compare
