@@ -32,7 +32,7 @@ PENALTIES = (-20.0, -100.0)
 BELOW = {
     "learners": (
         "Learners from within",
-        ["core.learners.learner", "core.learners.rules", "core.learners.mind"],
+        ["core.learners.learner", "core.learners.mind"],
     ),
     "game": (
         "The game",
@@ -273,7 +273,10 @@ def _api():
 
 
 def _named(name):
-    how = "autoclass" if inspect.isclass(getattr(sc, name)) else "autofunction"
+    thing = getattr(sc, name)
+    if inspect.ismodule(thing):
+        return f".. automodule:: {thing.__name__}\n   :members:\n"
+    how = "autoclass" if inspect.isclass(thing) else "autofunction"
     return f".. {how}:: sparse_coord_ros.{name}\n"
 
 

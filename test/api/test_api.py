@@ -42,6 +42,10 @@ def test_every_name_is_there_documented_and_typed(name):
     thing = getattr(sc, name)
     assert name in dir(sc)
     assert inspect.getdoc(thing)
+    if inspect.ismodule(thing):
+        functions = inspect.getmembers(thing, inspect.isfunction)
+        assert functions and all(inspect.getdoc(function) for _, function in functions)
+        return
     if not inspect.isclass(thing):
         given = inspect.signature(thing).parameters
         assert {*given, "return"} <= set(thing.__annotations__)

@@ -201,7 +201,7 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
         return True
     if engine == "numba":
         raise SettingError(
-            f"setting engine: value is 'numba', but learner {learner.label} has no compiled form; "
+            f"setting engine: value is 'numba', but it cannot compile learner {learner.label}; "
             "leave the engine out, or choose 'python'"
         )
     return False
@@ -239,7 +239,7 @@ def _reason(error: PluginError) -> str:
     reasons = [line for line in lines if line.startswith(TELLING)]
     if not reasons:
         return type(error.__cause__).__name__
-    return re.sub(r" at 0x[0-9a-f]+|\) found for signature:$", "", reasons[-1])
+    return re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
 
 
 def _run_plain(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, jit, jitable
 from sparse_coord_ros.core.game.actions import OUTCOMES, PRIMITIVES, STAY
 
 ASK_AS_NOW = 2 * PRIMITIVES
@@ -103,7 +103,7 @@ class Workspace(NamedTuple):
     nobody: np.ndarray
 
 
-@inner
+@jitable
 def write_chances(
     game: WeightedGame,
     policy: AskingPolicies,
@@ -130,7 +130,7 @@ def write_chances(
     chances[k, policy.moves[k, x]] += game.success * (1.0 - sees)
 
 
-@inner
+@jitable
 def chooses(
     game: WeightedGame,
     policy: AskingPolicies,
@@ -143,7 +143,7 @@ def chooses(
     return bool(free[k] and policy.asks[k, x] and game.percept[x, z] > 0.0)
 
 
-@inner
+@jitable
 def reach(
     game: WeightedGame,
     policy: AskingPolicies,
@@ -196,7 +196,7 @@ def reach(
     return count
 
 
-@inner
+@jitable
 def step_value(
     game: WeightedGame, value: np.ndarray, chances: np.ndarray, state: int, cost: float
 ) -> float:
@@ -228,7 +228,7 @@ def step_value(
     return gain / (1.0 - game.discount * stay)
 
 
-@inner
+@jitable
 def best_at(
     game: WeightedGame,
     policy: AskingPolicies,
@@ -272,7 +272,7 @@ def best_at(
     return best
 
 
-@inner
+@jitable
 def sweep(
     game: WeightedGame,
     policy: AskingPolicies,
@@ -311,7 +311,7 @@ def sweep(
     return float(value[game.start])
 
 
-@inner
+@jitable
 def solve(
     game: WeightedGame,
     policy: AskingPolicies,
@@ -327,7 +327,7 @@ def solve(
     return sweep(game, policy, free, space, count, target, MOST_SWEEPS)
 
 
-@inner
+@jitable
 def visit(game: WeightedGame, policy: AskingPolicies, space: Workspace) -> int:
     """Write to `visited` and `inside` where the team gets, its moves after percepts given.
 
@@ -349,7 +349,7 @@ def visit(game: WeightedGame, policy: AskingPolicies, space: Workspace) -> int:
     return count
 
 
-@inner
+@jitable
 def surround(
     game: WeightedGame, policy: AskingPolicies, free: np.ndarray, space: Workspace
 ) -> None:
@@ -364,7 +364,7 @@ def surround(
     sweep(game, policy, free, space, count, -np.inf, OUTSIDE_SWEEPS)
 
 
-@inner
+@jitable
 def promises(
     game: WeightedGame,
     policy: AskingPolicies,
