@@ -99,7 +99,7 @@ def stood(interactions: str, learner, options) -> dict[str, object]:
             scenario, learner, runs=options.runs, trials=100, seed=options.seed
         )
         measures = sc.by_run(run.measures for run in found)
-        asks += [run.trials.mean("asks") for run in found]
+        asks += measures.each("asks").tolist()
         failed += measures.failed
         teams += len(found)
         gained.append(measures.mean("returns") - paths)
