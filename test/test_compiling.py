@@ -43,8 +43,10 @@ def said(folder):
     command = [sys.executable, "-W", "error", "-c", PROGRAM]
     env = os.environ | {compiling.FOLDER_VARIABLE: str(folder)}
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
     there, _, computed = done.stdout.partition(" ")
+    assert ("compiling learner coop" in done.stderr) == (there == "False")
+    assert done.stderr.count("\n") == (there == "False")
     return there == "True", computed
 
 

@@ -9,15 +9,14 @@ import pytest
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.engine.batch import prepare
 
-LOOPS = [("coop", True), ("factored", True), ("coop", False)]
-"""The learner, and whether its loop gathers the history: numba takes seconds for each."""
+LEARNERS = ("coop", "factored")
+"""Numba takes seconds for each."""
 
 
 @pytest.fixture(scope="session")
 def compiled_loops():
-    """Compile all loops; each worker of pytest-xdist begins with others, and takes the rest."""
+    """Compile them all; each worker of pytest-xdist begins with another one."""
     if has_numba():
         worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
-        for place in range(len(LOOPS)):
-            learner, history = LOOPS[(place + worker) % len(LOOPS)]
-            prepare(learner, history=history)
+        for place in range(len(LEARNERS)):
+            prepare(LEARNERS[(place + worker) % len(LEARNERS)])
