@@ -85,7 +85,7 @@ def with_a_gap(interactions: str, options):
                 penalty=-100,
                 steps=options.steps,
             )
-            paths = sc.shortest_paths(scenario).returns
+            paths = sc.shortest_paths(scenario).mean("returns")
             best = sc.optimum(scenario).value
             if best >= paths + LEAST_GAP:
                 yield scenario, paths, best
@@ -99,7 +99,7 @@ def stood(interactions: str, learner, options) -> dict[str, object]:
             scenario, learner, runs=options.runs, trials=100, seed=options.seed
         )
         measures = sc.by_run(run.measures for run in found)
-        asks += [run.trials.mean("asks") for run in found]
+        asks += measures.each("asks").tolist()
         failed += measures.failed
         teams += len(found)
         gained.append(measures.mean("returns") - paths)

@@ -60,16 +60,16 @@ def main() -> None:
             seed=options.seed,
         ).values()
         near = near_doorways(result.scenario.map)
-        asked = result.trials.asked
-        stays = result.trials.stays
         measures = result.measures
+        asked = measures.asked
+        stays = measures.stays
         row = {"scenario": name, "asks": measures.mean("asks")}
         row["s.e."] = measures.error("asks")
         row["asked near"] = asked[:, near].sum() / (asked.sum() or np.nan)
         row["time near"] = stays[:, near].sum() / stays.sum()
         row["cells near"] = near.mean()
         row["return"] = measures.mean("returns")
-        row["shortest paths"] = result.reference["returns"]
+        row["shortest paths"] = result.shortest_paths.mean("returns")
         rows.append(row)
     print(pd.DataFrame(rows).round(3).to_string(index=False))
 

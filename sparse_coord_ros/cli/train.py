@@ -181,7 +181,7 @@ def _trained(
     options: argparse.Namespace, out: Path, run: RunConfig, view: Watcher | None
 ) -> Training:
     """Let the team learn, with a progress bar and checkpoints."""
-    with Bar("steps", quiet=options.json) as bar:
+    with Bar("steps", "preparing the learner", quiet=options.json) as bar:
         engine = _ready_engine(options, run, bar)
         return train(
             run.scenario,

@@ -3,21 +3,21 @@
 """The results of a condition: the measures of its runs, and what they are compared with."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.game.actions import PRIMITIVES
-from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.measures import MEASURES, Measures, by_run
-from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
+from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.studies.conditions import Condition
 
 KEY_BYTES = 8
@@ -34,24 +34,18 @@ class ConditionResult:
     Attributes:
         condition: the condition.
         seed: seed of run 0; run i has seed + i.
-        trials: the measures of each run's team in greedy trials.
-        exact: the exact measures of each run's team; None where they are not computed.
+        measures: what each run's team earns: exact where that is quick, else in greedy trials.
         visited: joint states that a robot has updated in Q^C, mean over the robots, of each run.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
-        reference: value of fixed shortest-path policies: returns, time_to_goal and
-            miscoordinations. Where robots swap or block also the other attributes
-            of `Reference`.
     """
 
     condition: Condition
     seed: int
-    trials: Measures
-    exact: Measures | None
+    measures: Measures
     visited: list[float]
     optimum: float
     optimum_exact: bool
-    reference: dict[str, float]
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -73,15 +67,15 @@ class ConditionResult:
         """The condition's learner."""
         return learner_of(self.condition.learner)
 
-    @property
-    def measures(self) -> Measures:
-        """What the teams earn: exact where that is computed, else in trials."""
-        return self.trials if self.exact is None else self.exact
+    @cached_property
+    def shortest_paths(self) -> Measures:
+        """The measures of fixed shortest paths, with no coordination."""
+        return shortest_paths(self.scenario)
 
     @property
     def runs(self) -> int:
         """Number of learning runs."""
-        return len(self.trials)
+        return len(self.measures)
 
     @property
     def joint_states(self) -> int:
@@ -115,8 +109,7 @@ class ConditionResult:
         """Return plain data, as `reproduce --json` prints it."""
         return {
             "id": self.id,
-            "trials": self.trials.to_dict(),
-            "exact": None if self.exact is None else self.exact.to_dict(),
+            **self.measures.to_dict(),
             "robots": self.measures.by_robot(),
             "failed_teams": self.measures.failed,
             "visited_share": self.visited_share,
@@ -124,55 +117,31 @@ class ConditionResult:
             "optimum": self.optimum,
             "optimum_exact": self.optimum_exact,
             "errors_above_optimum": self.measures.errors_above(self.optimum),
-            "reference": self.reference,
+            "shortest_paths": self.shortest_paths.to_dict(),
         }
 
-    def to_row(self) -> dict[str, Any]:
-        """Return the measures as a row of a table: `Measures.to_dict`, with spreads of trials."""
-        row = {**self.measures.to_dict(), "trials": self.trials.trials}
-        for name in MEASURES:
-            row[f"{name}_spread"] = self.trials.spread(name)
-        return row
 
-
-RunResult: TypeAlias = tuple[Measures, Measures | None, float]
-"""`trials`, `exact` and `visited` of one run: their size does not depend on its tables."""
+RunResult: TypeAlias = tuple[Measures, float]
+"""`measures` and `visited` of one run: their size does not depend on its tables."""
 
 
 def result_of_run(run: Training) -> RunResult:
-    """Return what a condition's result keeps of a run with trials."""
-    assert run.trials is not None  # conditions are computed with trials
-    exact = None if run.exact is None else by_run([run.exact])
-    return by_run([run.trials]), exact, float(run.visited.mean())
+    """Return what a condition's result keeps of a run that was evaluated."""
+    assert run.measures is not None
+    return by_run([run.measures]), float(run.visited.mean())
 
 
 def collect(
     condition: Condition, seed: int, runs: Iterable[RunResult]
 ) -> ConditionResult:
     """Join a condition's runs (>= 1), in the order of their seeds from `seed` on."""
-    trials, exact, visited = zip(*runs, strict=True)
-    computed = [one for one in exact if one is not None]
+    measures, visited = zip(*runs, strict=True)
     optimum = known_optimum(condition.scenario)
     return ConditionResult(
         condition=condition,
         seed=seed,
-        trials=by_run(trials),
-        exact=by_run(computed) if computed else None,
+        measures=by_run(measures),
         visited=list(visited),
         optimum=optimum.value,
         optimum_exact=optimum.exact,
-        reference=reference_of(condition.scenario),
     )
-
-
-def reference_names(scenario: Scenario) -> tuple[str, ...]:
-    """Return the attributes of `Reference` that a result has; where it is always exact, three."""
-    if only_together(interactions_of(scenario)):
-        return "returns", "time_to_goal", "miscoordinations"
-    return tuple(field.name for field in fields(Reference))
-
-
-def reference_of(scenario: Scenario) -> dict[str, float]:
-    """Return the fields of a result for the value of fixed shortest paths."""
-    found = asdict(shortest_path_reference(scenario))
-    return {name: float(found[name]) for name in reference_names(scenario)}

@@ -47,6 +47,7 @@ from sparse_coord_ros.studies.compared import (
     paper,
 )
 from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.paper import PAPER_MEASURES
 from sparse_coord_ros.studies.store import Say, read_results
 
 CELL_INCHES = 0.3
@@ -84,7 +85,7 @@ def beside_paper(
     Args:
         results: the conditions.
         measures: a panel for each of these and each scenario.
-        bars: what bars show: "spread" (in trials) or "error".
+        bars: what bars show: "spread" or "error".
         said: the legend's text for the bars.
     """
     scenarios = by_scenario(results)
@@ -224,7 +225,7 @@ def measured(results: Results, measure: str, bars: str = "error") -> pd.DataFram
     Args:
         results: the conditions.
         measure: one of `MEASURABLE`.
-        bars: what bars show: "spread" (in trials) or "error".
+        bars: what bars show: "spread" or "error".
     """
     exact = all(one.optimum_exact for one in results)
     optimum = OPTIMUM if exact else BOUND
@@ -257,13 +258,13 @@ def _mean_and_bar(result: ConditionResult, name: str, bars: str) -> tuple[float,
     The variance has no bar.
     """
     if name == "variance":
-        return result.trials.spread("returns") ** 2, 0.0
+        return result.measures.spread("returns") ** 2, 0.0
     measure = "returns" if name == "loss" else name
     mean = result.measures.mean(measure)
     if name == "loss":
         mean = independent_bound(result.scenario) - mean
     if bars == "spread":
-        return mean, result.trials.spread(measure)
+        return mean, result.measures.spread(measure)
     return mean, result.measures.error(measure)
 
 
@@ -284,9 +285,9 @@ def compared_with(
         optimum: name of the joint optimum's line.
     """
     if measure not in ("returns", "loss"):
-        known = measure in result.reference
-        return {SHORTEST: result.reference[measure]} if known else {}
-    values = {SHORTEST: result.reference["returns"], optimum: result.optimum}
+        known = measure in PAPER_MEASURES
+        return {SHORTEST: result.shortest_paths.mean(measure)} if known else {}
+    values = {SHORTEST: result.shortest_paths.mean("returns"), optimum: result.optimum}
     asking = best_asking_team(result)
     if result.learner.asks and asking is not None:
         values[BEST_ASKING] = asking
@@ -301,7 +302,7 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
 
     Each map says its learner and settings.
     """
-    totals = {one.id: one.trials.asked.sum(axis=0) for one in results}
+    totals = {one.id: one.measures.asked.sum(axis=0) for one in results}
     norm = PowerNorm(
         0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1
     )

@@ -9,14 +9,14 @@ import pytest
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.engine.batch import prepare
 
-LEARNERS = ("coop", "factored")
-"""Numba takes seconds for each."""
+LOOPS = ["coop", "factored"]
+"""Learners whose loops several tests use: numba takes seconds for each."""
 
 
 @pytest.fixture(scope="session")
 def compiled_loops():
-    """Compile them all; each worker of pytest-xdist begins with another one."""
+    """Compile all loops; each worker of pytest-xdist begins with others, and takes the rest."""
     if has_numba():
         worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
-        for place in range(len(LEARNERS)):
-            prepare(LEARNERS[(place + worker) % len(LEARNERS)])
+        for place in range(len(LOOPS)):
+            prepare(LOOPS[(place + worker) % len(LOOPS)])

@@ -188,6 +188,6 @@ def test_two_thousand_steps_are_enough_for_robots_that_know_their_map():
             )
         )
         runs = run_batch(scenario, "factored", range(2), trials=20, engine="python")
-        rewards[prior] = np.mean([run.trials.returns.mean() for run in runs])
+        rewards[prior] = np.mean([run.measures.mean("returns") for run in runs])
     assert rewards["none"] < 5.0
     assert rewards["map"] > 15.0

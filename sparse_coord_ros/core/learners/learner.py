@@ -4,7 +4,7 @@
 
 A robot node, the log and plain Python call the hooks; `core.runs.loop` makes a loop of them, which
 numba compiles. So they may index (`mind.q_star[k, cell, b]`), compute, and call functions that are
-marked by `compiling.inner`; they make no objects. A user's own learner overrides one or more of
+marked by `compiling.jitable`; they make no objects. A user's own learner overrides one or more of
 them. See examples/own_learner.py and docs/tutorials/own_learner.md.
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
@@ -231,7 +231,7 @@ class Learner:
             if name in HOOKS:
                 hook = getattr(cls, name)
                 _check_hook(cls, name, hook)
-                setattr(cls, name, staticmethod(inner(hook)))
+                setattr(cls, name, staticmethod(jitable(hook)))
         if not is_shipped(cls):
             for name, check in CHECKS.items():
                 if name in vars(cls):
@@ -508,4 +508,4 @@ class Learner:
 
 
 for _name in HOOKS:
-    inner(getattr(Learner, _name))
+    jitable(getattr(Learner, _name))

@@ -8,7 +8,7 @@ question would have brought, not only the move that it made.
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import stops
 from sparse_coord_ros.core.game.sight import is_ruled_out
@@ -29,13 +29,13 @@ STOP = 0.5
 stop each other may stand for ever: by that step alone most teams in a lane do."""
 
 
-@inner
+@jitable
 def loss_of_stop(task: Task) -> float:
     """Return the loss from a stop: a share of the value of an arrival."""
     return STOP * arrival_value(task)
 
 
-@inner
+@jitable
 def note_question(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Note the question of this step, for the next one."""
     mind.last[k, 0] = now.step + 1
@@ -45,7 +45,7 @@ def note_question(mind: Any, task: Task, k: int, now: Transition) -> None:
         mind.last[k, 2 + robot] = int(now.cells[robot]) if known else NOT_PERCEIVED
 
 
-@inner
+@jitable
 def learn_from_two_questions(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Learn the result of each move at the first question, for each row of its percept.
 
@@ -78,7 +78,7 @@ def learn_from_two_questions(mind: Any, task: Task, k: int, now: Transition) -> 
 # The value of the second question.
 
 
-@inner
+@jitable
 def look_ahead(
     mind: Any, task: Task, k: int, now: Transition, first: int, b: int
 ) -> None:
@@ -109,7 +109,7 @@ def look_ahead(
             mind.obstructed[k, b] += mind.obstruction[k, b, peer]
 
 
-@inner
+@jitable
 def surplus(mind: Any, task: Task, k: int, cell: int) -> float:
     """Return the value of the percept of `mind.correction` in a cell one step later.
 
@@ -119,7 +119,7 @@ def surplus(mind: Any, task: Task, k: int, cell: int) -> float:
     return float(task.discount * (change - mind.w[k, cell]))
 
 
-@inner
+@jitable
 def best_move(values: Values) -> int:
     """Return the best of the four moves, of equal ones the first."""
     best = 0
@@ -129,7 +129,7 @@ def best_move(values: Values) -> int:
     return best
 
 
-@inner
+@jitable
 def share_of_surplus(mind: Any, task: Task, k: int, first: int, here: float) -> float:
     """Return the gain of waiting at the first question, for each peer in the way.
 
@@ -141,7 +141,7 @@ def share_of_surplus(mind: Any, task: Task, k: int, first: int, here: float) -> 
     return here
 
 
-@inner
+@jitable
 def in_the_way(mind: Any, task: Task, k: int, first: int) -> int:
     """Return the number of peers in the way at the first of two questions."""
     count = 0
@@ -156,7 +156,7 @@ def in_the_way(mind: Any, task: Task, k: int, first: int) -> int:
     return count
 
 
-@inner
+@jitable
 def share_of(mind: Any, task: Task, k: int, low: int, high: int, b: int) -> float:
     """Return these peers' share of the obstruction; if no peer is in the way, shares are equal.
 
@@ -178,7 +178,7 @@ def share_of(mind: Any, task: Task, k: int, low: int, high: int, b: int) -> floa
 # The moves at the first question.
 
 
-@inner
+@jitable
 def learn_first(
     mind: Any,
     task: Task,
@@ -236,7 +236,7 @@ def learn_first(
                 learn_rho(mind, task, k, now, row, b, brought)
 
 
-@inner
+@jitable
 def would_stop(
     mind: Any,
     task: Task,
@@ -258,7 +258,7 @@ def would_stop(
     return False
 
 
-@inner
+@jitable
 def common_is_known(
     task: Task, now: Transition, first: int, s: int, share: float
 ) -> bool:
@@ -272,13 +272,13 @@ def common_is_known(
     return is_empty(task, now, first) and (share == 0.0 or is_empty(task, now, s))
 
 
-@inner
+@jitable
 def is_empty(task: Task, now: Transition, cell: int) -> bool:
     """Return whether a failed percept proves that a cell is empty; only with one peer."""
     return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)
 
 
-@inner
+@jitable
 def common_of_staying(
     mind: Any, task: Task, k: int, now: Transition, low: int, high: int, first: int
 ) -> float:
@@ -288,7 +288,7 @@ def common_of_staying(
     return 0.0
 
 
-@inner
+@jitable
 def common_of_going(
     mind: Any,
     task: Task,
@@ -310,7 +310,7 @@ def common_of_going(
     return 0.0
 
 
-@inner
+@jitable
 def is_met(k: int, now: Transition, low: int, high: int, cell: int) -> bool:
     """Return whether one of the peers was perceived in a cell."""
     if now.seen == 0:
@@ -321,7 +321,7 @@ def is_met(k: int, now: Transition, low: int, high: int, cell: int) -> bool:
     return False
 
 
-@inner
+@jitable
 def would_exchange(
     mind: Any,
     task: Task,

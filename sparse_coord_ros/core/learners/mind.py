@@ -10,7 +10,7 @@ In files and logs a robot's part is a `Memory`: arrays by the names of the field
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,16 +25,13 @@ from sparse_coord_ros.core.learners.table import (
     with_rows,
 )
 
-if TYPE_CHECKING:
-    from sparse_coord_ros.core.learners.learner import Learner
-
 Memory = Mapping[str, np.ndarray]
 """All that a robot remembers, by the names of the fields of its mind. A `Table` `name` is
 `name_keys` (ascending), `name_values` and `name_updates`."""
 
 
 def team_mind(
-    learner: "Learner",
+    learner: Any,
     scenario: Scenario,
     robots: Sequence[int],
     memories: Sequence[Memory] = (),
@@ -64,7 +61,7 @@ COPIES = 3
 """Of a team's mind: it learns in one, plays trials in another one, and saves a third one."""
 
 
-def check_room(learner: "Learner", scenario: Scenario) -> None:
+def check_room(learner: Any, scenario: Scenario) -> None:
     """Raise `SettingError` where a team remembers more than this machine has room for.
 
     Tables that grow are counted as they begin.
@@ -142,7 +139,7 @@ def copied(mind: Any) -> Any:
     return mind._replace(**fields)
 
 
-def memory_of(learner: "Learner", mind: Any, k: int) -> dict[str, np.ndarray]:
+def memory_of(learner: Any, mind: Any, k: int) -> dict[str, np.ndarray]:
     """Return what robot k remembers; a copy.
 
     Counts and cells are int64, values float64.
@@ -160,7 +157,7 @@ def memory_of(learner: "Learner", mind: Any, k: int) -> dict[str, np.ndarray]:
     return memory
 
 
-def memory_before(learner: "Learner", scenario: Scenario, k: int) -> Memory:
+def memory_before(learner: Any, scenario: Scenario, k: int) -> Memory:
     """Return what robot k remembers before learning."""
     return memory_of(learner, team_mind(learner, scenario, [k]), k)
 

@@ -175,13 +175,13 @@ class Measures:
         if name == "arrived":
             if self.source == TRIALS and self.unit == TRIAL:
                 return f"{int(self.arrived.sum())} of {self.trials}"
-            return percent(mean) + (f" (s.e. {percent(error)})" if error else "")
+            return percent(mean) + (f" ({percent(error)})" if error else "")
         text = f"{mean:.2f}"
         if spread and not math.isnan(self.spread(name)):
             text += f" ± {self.spread(name):.2f}"
         if math.isnan(error):
-            return f"{text} (s.e. -)"
-        return f"{text} (s.e. {error:.2f})" if error else text
+            return f"{text} (-)"
+        return f"{text} ({error:.2f})" if error else text
 
     def cells(
         self, *, optimum: float = math.inf, spread: bool = False
@@ -204,7 +204,7 @@ class Measures:
         """Return plain data of all rows together.
 
         `source`, `runs` (where rows are runs) and `trials`; of each measure its mean under its
-        name, `<measure>_spread` and `<measure>_error`.
+        name, `<measure>_spread` where it is known, and `<measure>_error`.
         """
         data: dict[str, Any] = {"source": self.source}
         if self.unit == RUN:
@@ -212,7 +212,9 @@ class Measures:
         data["trials"] = self.trials
         for name in MEASURES:
             data[name] = self.mean(name)
-            data[f"{name}_spread"] = self.spread(name)
+            spread = self.spread(name)
+            if not math.isnan(spread):
+                data[f"{name}_spread"] = spread
             data[f"{name}_error"] = self.error(name)
         return data
 
@@ -251,6 +253,9 @@ HEADINGS = {
     "arrived": "all arrive",
 }
 """Column headings of tables."""
+
+ERRORS = "in parentheses: standard errors (s.e.)"
+"""What is said below a table of trials or runs."""
 
 
 def _same(one: Any, other: Any) -> bool:
