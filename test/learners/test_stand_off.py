@@ -8,14 +8,14 @@ from teams import drawn
 
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, PRIMITIVES, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners import factored, policy
+from sparse_coord_ros.core.learners import factored
 from sparse_coord_ros.core.learners.agent import Agent, Decision
 from sparse_coord_ros.core.learners.corrections import rho_key
-from sparse_coord_ros.core.learners.factored import Factored
-from sparse_coord_ros.core.learners.looking_back import in_the_way
-from sparse_coord_ros.core.learners.mind import place
+from sparse_coord_ros.core.learners.factored import Factored, leaves_stand_offs
+from sparse_coord_ros.core.learners.looking_back import in_the_way, share_of_surplus
 from sparse_coord_ros.core.learners.own_moves import LEAST_VALUE_SHARE, cell_value
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.table import met
 from sparse_coord_ros.core.runs.evaluation import play
 
 HERE = 2
@@ -28,17 +28,17 @@ WALL = 0
 @pytest.fixture(autouse=True)
 def surely(monkeypatch):
     """Robots that can leave a stand-off do so."""
-    monkeypatch.setattr(policy, "LEAVING", 1.0)
+    monkeypatch.setattr(factored, "LEAVING", 1.0)
 
 
 def agent(*, leaves=True):
     """Return a greedy robot for which waiting is worth 100, the way back 80 and the rest 10."""
     scenario = drawn(peers="all", prior="map")
     one = Agent(learner_of("factored"), scenario, 0, 3, learning=False)
-    one.task = one.task._replace(leaves=leaves)
-    one.mind.u[HERE] = [10.0] * PRIMITIVES
-    one.mind.u[HERE][WALL] = 100.0
-    one.mind.u[HERE][WEST] = 80.0
+    one.mind.leaves[0] = leaves
+    one.mind.u[0, HERE] = [10.0] * PRIMITIVES
+    one.mind.u[0, HERE, WALL] = 100.0
+    one.mind.u[0, HERE, WEST] = 80.0
     one.begin_episode()
     return one
 
@@ -88,7 +88,7 @@ def test_it_does_not_leave_after_it_has_moved_itself_or_a_new_episode_began():
 def test_it_leaves_only_where_that_is_worth_nearly_as_much_and_at_random(
     monkeypatch, leaving, share, expected
 ):
-    monkeypatch.setattr(policy, "LEAVING", leaving)
+    monkeypatch.setattr(factored, "LEAVING", leaving)
     monkeypatch.setattr(factored, "LEAVING_SHARE", share)
     one = agent()
     asks(one, 10, 4)
@@ -103,7 +103,7 @@ def test_a_robot_that_leaves_no_stand_offs_waits():
 
 def test_it_does_not_leave_where_its_best_move_leads_somewhere():
     one = agent()
-    one.mind.u[HERE][EAST] = 101.0
+    one.mind.u[0, HERE, EAST] = 101.0
     asks(one, 10, 4)
     assert asks(one, 11, 4) == EAST
 
@@ -111,20 +111,18 @@ def test_it_does_not_leave_where_its_best_move_leads_somewhere():
 def test_teams_of_more_than_two_leave_unless_percepts_depend_on_places():
     four = load_scenario("env2-4r")
     near = four.with_settings({"perception": "range:1"})
-    rule = learner_of("factored")
-    assert rule.leaves_stand_offs(four)
-    assert not rule.leaves_stand_offs(near)
-    assert not rule.leaves_stand_offs(load_scenario("env1"))
-    assert not learner_of("coop").leaves_stand_offs(four)
+    assert leaves_stand_offs(four)
+    assert not leaves_stand_offs(near)
+    assert not leaves_stand_offs(load_scenario("env1"))
 
 
 def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves(monkeypatch):
     """Two robots head-on before a doorway, whose values tell both to wait for ever."""
-    monkeypatch.setattr(policy, "LEAVING", 0.5)
+    monkeypatch.setattr(factored, "LEAVING", 0.5)
     monkeypatch.setattr(factored, "LEAVING_SHARE", 0.9)
     arrived = {}
     for leaves in (False, True):
-        monkeypatch.setattr(Factored, "leaves_stand_offs", lambda *_, said=leaves: said)
+        monkeypatch.setattr(factored, "leaves_stand_offs", lambda _, said=leaves: said)
         scenario = drawn(
             "1....\n##D##\n....2",
             {"robot_1": (1, 2), "robot_2": (2, 1)},
@@ -137,11 +135,11 @@ def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves(monkeypatch):
             one = Agent(rule, scenario, k, 0)
             beside = 8 if k == 0 else 2
             key = rho_key(before, 1 - k, beside, one.task.cells, 2)
-            row = place(one.mind.rho, key)
-            way = int(np.argmax(one.mind.u[before]))
-            one.mind.rho.values[row][way] = -100.0
-            one.mind.q_star[before][COORDINATE] = 300.0
-            one.mind.value[before] = 300.0
+            row = met(one.mind.rho, one.task, k, key)
+            way = int(np.argmax(one.mind.u[k, before]))
+            one.mind.rho.values[k, row, way] = -100.0
+            one.mind.q_star[k, before, COORDINATE] = 300.0
+            one.mind.value[k, before] = 300.0
             tables.append(one.tables)
         trials = play(scenario, tables, trials=40, seed=1)
         arrived[leaves] = trials.mean("arrived")
@@ -157,19 +155,22 @@ def test_a_surplus_of_waiting_is_shared_by_the_peers_in_the_way():
     one = Agent(learner_of("factored"), crowd(), 0, 0)
     mind = one.mind
     task = one.task
-    mind.last[2:] = [5, 6, 7, 8]
-    mind.u[5] = [1.0, 2.0, 0.0, 0.0]
-    assert in_the_way(mind, task, 5) == 0
+    mind.last[0, 2:] = [5, 6, 7, 8]
+    mind.u[0, 5] = [1.0, 2.0, 0.0, 0.0]
+    assert in_the_way(mind, task, 0, 5) == 0
+    assert share_of_surplus(mind, task, 0, 5, 6.0) == 6.0
     for peer, value in ((1, -3.0), (2, -1.0), (3, 4.0)):
-        key = rho_key(5, peer, mind.last[2 + peer], task.cells, task.robots)
-        row = place(mind.rho, key)
-        mind.rho.values[row][1] = value
-    assert in_the_way(mind, task, 5) == 2
+        key = rho_key(5, peer, int(mind.last[0, 2 + peer]), task.cells, task.robots)
+        row = met(mind.rho, task, 0, key)
+        mind.rho.values[0, row, 1] = value
+    assert in_the_way(mind, task, 0, 5) == 2
+    assert share_of_surplus(mind, task, 0, 5, 6.0) == 3.0
+    assert share_of_surplus(mind, task, 0, 5, -6.0) == -6.0
 
 
 def test_cells_keep_a_share_of_their_worth_to_a_robot_alone_in_larger_teams():
     for scenario, least in ((crowd(), LEAST_VALUE_SHARE * 50.0), (drawn(), -7.0)):
         one = Agent(Factored(), learner_of("factored").with_defaults(scenario), 0, 0)
-        one.mind.alone[4] = [50.0, 10.0, 0.0, 0.0]
-        one.mind.q_star[4] = [-9.0, -7.0, -8.0, -9.0, -9.0]
-        assert cell_value(one.mind, one.task, 4) == least
+        one.mind.alone[0, 4] = [50.0, 10.0, 0.0, 0.0]
+        one.mind.q_star[0, 4] = [-9.0, -7.0, -8.0, -9.0, -9.0]
+        assert cell_value(one.mind, one.task, 0, 4) == least

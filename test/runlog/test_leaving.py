@@ -4,11 +4,10 @@
 
 import numpy as np
 import pytest
-from sparse_coord_ros.core.learners.policy import LEAVING
 
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.draws import LEARNING, LEAVE, ROBOT, draw, key_of
-from sparse_coord_ros.core.learners.factored import LEAVING_SHARE
+from sparse_coord_ros.core.learners.factored import LEAVING, LEAVING_SHARE
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import (
     MAY_HAVE_LEFT,

@@ -374,9 +374,7 @@ def common_of(task: Task, now: Transition) -> float:
 
 
 @inner
-def brought_by_peers(
-    mind: Any, task: Task, k: int, now: Transition, y: int
-) -> float:
+def brought_by_peers(mind: Any, task: Task, k: int, now: Transition, y: int) -> float:
     """Return r^C, or the loss from a stop; note the place.
 
     Args:

@@ -79,7 +79,9 @@ def learn_from_two_questions(mind: Any, task: Task, k: int, now: Transition) -> 
 
 
 @inner
-def look_ahead(mind: Any, task: Task, k: int, now: Transition, first: int, b: int) -> None:
+def look_ahead(
+    mind: Any, task: Task, k: int, now: Transition, first: int, b: int
+) -> None:
     """Set the value of a second question where a move leads, and the peers in the way there.
 
     Args:
@@ -224,7 +226,9 @@ def learn_first(
             count = int(mind.rho.updates[k, row, b])
             rho[b] += step_of_rho(task, count, now.step) * brought
         elif common_is_known(task, now, first, s, share):
-            brought += (1.0 - share) * common_of_staying(mind, task, k, now, peers, first)
+            brought += (1.0 - share) * common_of_staying(
+                mind, task, k, now, peers, first
+            )
             going = common_of_going(mind, task, k, now, peers, first, s, stopped)
             brought += share * going
             if brought != 0.0 or rho[b] != 0.0:

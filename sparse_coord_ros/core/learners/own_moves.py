@@ -53,9 +53,7 @@ def cell_value(mind: Any, task: Task, k: int, cell: int) -> float:
 @inner
 def arrival_value(task: Task) -> float:
     """Return the value of an arrival: its reward, and that of being at the goal."""
-    return float(
-        task.weights[0] * task.goal_reward + task.discount * task.goal_value
-    )
+    return float(task.weights[0] * task.goal_reward + task.discount * task.goal_value)
 
 
 @inner
