@@ -41,6 +41,5 @@ if __name__ == "__main__":
     scenario = sc.load_scenario("env1", penalty=-20, steps=steps)
     for learner in ("coop", "expected_sarsa"):
         training = sc.train(scenario, learner, seed=1)
-        print(
-            f"{learner}: return {sc.evaluate(training).returns.mean:.1f}, {training.engine}"
-        )
+        earned = sc.evaluate(training).in_words("returns")
+        print(f"{learner}: return {earned}, {training.engine}")

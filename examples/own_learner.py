@@ -28,8 +28,6 @@ if __name__ == "__main__":
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
     scenario = sc.load_scenario("env1", penalty=-20, steps=steps)
     for learner in ("coop", "careful"):
-        result = sc.evaluate(sc.train(scenario, learner, seed=1))
-        print(
-            f"{learner}: return {result.returns.mean:.1f}, "
-            f"miscoordinations {result.miscoordinations.mean:.2f}, asks {result.asks.mean:.2f}"
-        )
+        team = sc.evaluate(sc.train(scenario, learner, seed=1))
+        said = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
+        print(f"{learner}: {', '.join(said)}")

@@ -28,7 +28,6 @@ if __name__ == "__main__":
         scenario = sc.load_scenario(
             "env1", penalty=-100, steps=steps, perception=perception
         )
-        result = sc.evaluate(sc.train(scenario, seed=2))
-        print(
-            f"{perception}: return {result.returns.mean:.1f}, asks {result.asks.mean:.2f}"
-        )
+        team = sc.evaluate(sc.train(scenario, seed=2))
+        said = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
+        print(f"{perception}: {', '.join(said)}")

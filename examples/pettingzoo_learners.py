@@ -125,9 +125,8 @@ def main(steps=20_000, runs=20, trials=1000):
         results[title] = [play(scenario, robots, trials) for robots in teams]
     for learner in ("noncoop", "coop", "factored"):
         many = sc.train_many(scenario, learner, runs=runs, trials=trials)
-        results[f"ours: {learner}"] = many.to_pandas()[list(MEASURES)].to_dict(
-            "records"
-        )
+        frame = sc.by_run(run.measures for run in many).to_pandas()
+        results[f"ours: {learner}"] = frame[list(MEASURES)].to_dict("records")
     print(
         f"| env1, penalty -100, {steps} steps, {runs} runs | {' | '.join(MEASURES)} |"
     )

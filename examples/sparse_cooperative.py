@@ -23,7 +23,7 @@ import numpy as np
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.core.runs.evaluation import fails
+from sparse_coord_ros.core.runs.measures import fails
 
 REACH = 1
 FIRST_VALUE = 20.0

@@ -14,8 +14,8 @@ scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
 for learner in ("noncoop", "coop"):
     training = sc.train(scenario, learner, seed=0)
     plt.plot(*training.history.curve("miscoordinations", window=50), label=learner)
-    result = sc.evaluate(training, trials=1000)
-    print(f"{learner}: return {result.returns.mean:.1f}, asks {result.asks.mean:.2f}")
+    team = sc.evaluate(training, trials=1000)
+    print(f"{learner}: return {team.in_words('returns')}, asks {team.in_words('asks')}")
     # every verb reads it: sparse_coord evaluate runs/coop
     training.save(f"runs/{learner}")
 

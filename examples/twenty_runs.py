@@ -14,7 +14,7 @@ def main() -> None:
     ]
     scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
     swept = sc.sweep(scenario, {"learner": ["noncoop", "coop"]}, runs=runs, trials=200)
-    frame = swept.to_pandas(by_run=True)
+    frame = sc.to_pandas(swept, by_run=True)
     print(
         frame.groupby("learner")[["returns", "miscoordinations", "asks"]].agg(
             ["mean", "std"]

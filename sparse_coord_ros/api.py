@@ -36,6 +36,7 @@ from sparse_coord_ros.core.game.scenario import (
     scenario_names,
 )
 from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.cq import CQ
@@ -94,7 +95,7 @@ __all__ += ["sweep", "experiment_names", "run_experiment", "ConditionResult"]
 __all__ += ["to_pandas", "plot", "benchmark"]
 # The user's own learners and perception models
 __all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
-__all__ += ["register_learner", "register_perception", "perception_model"]
+__all__ += ["rules", "register_learner", "register_perception", "perception_model"]
 # Errors
 __all__ += ["SparseCoordError"]
 

@@ -18,7 +18,7 @@ import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.core.runs.evaluation import fails
+from sparse_coord_ros.core.runs.measures import fails
 from sparse_coord_ros.studies.lists import LISTS
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))

@@ -35,10 +35,8 @@ def measure(options) -> pd.DataFrame:
                         trials=options.trials,
                         seed=options.seed,
                         prior=prior,
-                    ).standings
-                    row = {"list": name, "learner": learner, "prior": prior}
-                    row |= {"steps": steps, "share": stood.share, "error": stood.error}
-                    row |= {"failed": stood.failed, "teams": stood.teams}
+                    )
+                    row = {**stood, "prior": prior, "steps": steps}
                     print(row, flush=True)
                     rows.append(row)
     return pd.DataFrame(rows)

@@ -134,21 +134,20 @@ def judge(options) -> pd.DataFrame:
                     trials=options.trials,
                     seed=options.seed,
                     **settings,
-                ).standings
+                )
                 return found
 
             whole = standing(options.steps)
             print(row, flush=True)
-            if whole.share is None:
+            if whole["share"] is None:
                 rows.append(row)
                 continue
-            row |= {"share": whole.share, "error": whole.error}
-            row |= {"failed": whole.failed, "teams": whole.teams}
+            row |= {name: whole[name] for name in ("share", "error", "failed", "teams")}
             row["steps to 90 %"] = f"> {options.steps}"
-            if whole.share >= NEARLY_ALL:
+            if whole["share"] >= NEARLY_ALL:
                 enough = [steps for steps in BUDGETS if steps < options.steps]
                 row["steps to 90 %"] = next(
-                    (steps for steps in enough if standing(steps).share >= NEARLY_ALL),
+                    (n for n in enough if standing(n)["share"] >= NEARLY_ALL),
                     options.steps,
                 )
             row["seconds a run"] = seconds(learner, settings, options.steps)
@@ -181,8 +180,8 @@ def tune(options) -> pd.DataFrame:
                     trials=options.trials,
                     seed=options.seed,
                     **settings,
-                ).standings
-                row[f"{name}, {steps}"] = found.row()["share of the gap"]
+                )
+                row[f"{name}, {steps}"] = found["share"]
             rows.append(row)
             print(row, flush=True)
     return pd.DataFrame(rows)

@@ -87,9 +87,9 @@ def main() -> None:
     print(
         f"{options.scenario} seed {options.seed}: {len(scenario.map.cells):,} cells, "
         f"{len(scenario.robots)} robots, {scenario.steps:,} steps; {learned:.1f} s to learn "
-        f"(the first run compiles), {memory:.2f} GB; return {found.returns.mean:.2f}, all "
-        f"arrived {found.all_arrived:.2f}, asks {found.asks.mean:.2f}, "
-        f"miscoordinations {found.miscoordinations.mean:.3f}"
+        f"(the first run compiles), {memory:.2f} GB; return {found.in_words('returns')}, all "
+        f"arrived {found.in_words('arrived')}, asks {found.in_words('asks')}, "
+        f"miscoordinations {found.in_words('miscoordinations')}"
     )
 
 

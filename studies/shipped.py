@@ -96,16 +96,16 @@ def teams(options) -> None:
         found = sc.train_many(
             scenario, "factored", runs=options.teams, trials=300, seed=SEED
         )
-        order = np.argsort([run.trials.returns.mean() for run in found])
+        order = np.argsort([run.trials.mean("returns") for run in found])
         judged = []
         for place in order[-FEW:].tolist():
             run = found[place]
             fresh = sc.evaluate(run, trials=options.trials, seed=run.seed + FRESH)
-            judged.append((fresh.returns, run.seed))
-        returns, seed = max(judged, key=lambda one: one[0].mean)
+            judged.append((fresh, run.seed))
+        measures, seed = max(judged, key=lambda one: one[0].mean("returns"))
         best = BestTeam(
-            value=returns.mean,
-            standard_error=returns.standard_error,
+            value=measures.mean("returns"),
+            standard_error=measures.error("returns"),
             trials=options.trials,
             teams=len(found),
             learner="factored",

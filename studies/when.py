@@ -23,7 +23,7 @@ import pandas as pd
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.percepts import chance_of_answer
-from sparse_coord_ros.core.runs.evaluation import fails
+from sparse_coord_ros.core.runs.measures import fails
 from sparse_coord_ros.core.solve.advice import (
     advice,
     in_questions,
@@ -138,11 +138,9 @@ def condition(part: str, result) -> dict[str, object]:
     """Return the row of a condition; gains and gaps are of a robot, in questions."""
     scenario = result.scenario
     paths = result.reference["returns"]
-    returns = result.run_means("returns")
-    arrived = (
-        result.arrived_in_trials if result.exact is None else result.exact["arrived"]
-    )
-    failed = np.array([fails(share) for share in arrived])
+    measures = result.measures
+    returns = measures.each("returns")
+    failed = np.array([fails(share) for share in measures.arrived])
     gap = max(result.optimum - paths, 0.0)
     share = (returns - paths) / max(gap, TINY)
     line = f"{part}, {result.learner.label}"
@@ -157,7 +155,7 @@ def condition(part: str, result) -> dict[str, object]:
         "ratio": in_questions(loss_of_ignoring(scenario), scenario),
         "possible_gain": relative_gain(gap, scenario),
         "advice": advice(scenario).kind,
-        "questions": np.mean(result.run_means("asks")[~failed])
+        "questions": np.mean(measures.each("asks")[~failed])
         if not failed.all()
         else np.nan,
         "gained": in_questions(returns.mean() - paths, scenario),

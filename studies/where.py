@@ -60,14 +60,15 @@ def main() -> None:
             seed=options.seed,
         ).values()
         near = near_doorways(result.scenario.map)
-        asked = np.array(result.asked)
-        stays = np.array(result.stays)
-        asks = result.best("asks")
-        row = {"scenario": name, "asks": asks.mean, "s.e.": asks.standard_error}
+        asked = result.trials.asked
+        stays = result.trials.stays
+        measures = result.measures
+        row = {"scenario": name, "asks": measures.mean("asks")}
+        row["s.e."] = measures.error("asks")
         row["asked near"] = asked[:, near].sum() / (asked.sum() or np.nan)
         row["time near"] = stays[:, near].sum() / stays.sum()
         row["cells near"] = near.mean()
-        row["return"] = result.best("returns").mean
+        row["return"] = measures.mean("returns")
         row["shortest paths"] = result.reference["returns"]
         rows.append(row)
     print(pd.DataFrame(rows).round(3).to_string(index=False))

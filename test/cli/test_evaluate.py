@@ -44,7 +44,7 @@ def test_table(sparse_coord, trained):
 def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
     sparse_coord, trained
 ):
-    trained("env1", "--learner", "indiv")
+    trained("env1", "--learner", "indiv", "--seed", 2)
     found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])
     said = "{returns:.2f} ± {returns_spread:.2f} (s.e. {returns_error:.2f})"
     said = said.format(**found)

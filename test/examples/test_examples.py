@@ -50,7 +50,7 @@ def test_train_and_plot(said, tmp_path, capsys):
     ]
     assert (tmp_path / "learning_curve.png").read_bytes()[1:4] == b"PNG"
     assert main(["evaluate", "runs/coop", "--trials", "5"]) == 0
-    assert "Coop., 5 trials" in capsys.readouterr().out
+    assert "  5 trials\n" in capsys.readouterr().out
 
 
 def test_twenty_runs(said, tmp_path):
@@ -67,7 +67,7 @@ def test_twenty_runs(said, tmp_path):
 
 def test_own_perception(said):
     lines = said("own_perception.py", 3000).splitlines()
-    assert [line.rpartition(": return")[0] for line in lines] == [
+    assert [line.rpartition(": returns")[0] for line in lines] == [
         "always",
         "fog:4",
         "fog:1",

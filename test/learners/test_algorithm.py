@@ -8,18 +8,19 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from sparse_coord_ros.core.learners.policy import (
-    asks_at_times,
-    asks_surely,
-    greedy_action,
-)
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import TIE
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners import policy
+from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.rules import greatest, ql_update, step_size
+from sparse_coord_ros.core.learners.rules import (
+    asks_at_times,
+    asks_surely,
+    greatest,
+    ql_update,
+    step_size,
+)
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]
@@ -30,8 +31,8 @@ LARGEST_DRAW = 1.0 - 2.0**-53
 
 def greedy(values, count, tie):
     """Return the greedy action of a robot that draws this number."""
-    with mock.patch.object(policy, "draw", lambda key, step, column: tie):
-        return greedy_action(values, count, 0, 0, TIE)
+    with mock.patch.object(rules, "draw", lambda key, step, column: tie):
+        return rules.greedy(values, count, 0, 0, TIE)
 
 
 def frequencies(choose):
@@ -124,16 +125,17 @@ def test_greatest(values, count, maximum):
     ],
 )
 def test_ql_update_by_hand(value, alpha, reward, discount, after, expected):
-    task = (
-        Coop().task(load_scenario("env1"), 0, [9.0, alpha])._replace(discount=discount)
-    )
+    task = Coop().task(load_scenario("env1"))
+    task = task._replace(discount=discount, step_sizes=[9.0, alpha], floors=[0.0])
     values = [1.0, value, 3.0, 4.0]
     updates = [0, 0, 7, 0]
-    ql_update(values, updates, 1, task, 0.0, reward, after)
+    ql_update(values, updates, 1, task, 3, reward, after)
     assert values == [1.0, pytest.approx(expected, rel=1e-15), 3.0, 4.0]
     assert updates == [0, 1, 7, 0]
 
 
 def test_a_step_size_is_never_below_its_floor():
-    task = Coop().task(load_scenario("env1"), 0, [9.0, 1.0, 0.5, 0.25])
-    assert [step_size(task, n, 0.4) for n in (1, 2, 3)] == [1.0, 0.5, 0.4]
+    task = Coop().task(load_scenario("env1"))
+    task = task._replace(step_sizes=[9.0, 1.0, 0.5, 0.25], floors=[0.0, 0.4])
+    assert [step_size(task, n, 1) for n in (1, 2, 3)] == [1.0, 0.5, 0.4]
+    assert step_size(task, 3, 9) == 0.4  # after its end the last floor holds

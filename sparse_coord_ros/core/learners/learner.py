@@ -343,7 +343,7 @@ class Learner:
         return label
 
     @property
-    def rule(self) -> type["Learner"]:
+    def rule(self) -> Any:
         """The class with its hooks, of which a loop is made: itself, or a base class."""
         own = (*HOOKS, "sees_all", "partners")
         for one in type(self).__mro__:

@@ -136,7 +136,7 @@ def everybody_but(k: int, team: int) -> int:
 
 
 @functools.cache
-def loop_of(learner: type[Any]) -> Callable[..., None]:
+def loop_of(learner: Any) -> Callable[..., None]:
     """Return the loop of a learner, in plain Python."""
     begin_episode = learner.begin_episode
     decide = learner.decide
@@ -185,6 +185,7 @@ def loop_of(learner: type[Any]) -> Callable[..., None]:
             row = int(record.used[0]) - 1
             elapsed = step + 1 - int(clock[EPISODE_START])
 
+            # Each robot chooses (lines 4 to 10).
             for k in range(team):
                 cell = int(cells[k])
                 before[k] = cell
@@ -211,6 +212,7 @@ def loop_of(learner: type[Any]) -> Callable[..., None]:
                 run.moves[k] = move
                 run.seen[k] = seen
 
+            # The team moves; each robot has its reward, and learns (lines 11 to 18).
             conflict = move_all(problem, run)
             record.length[row] += 1
             record.miscoordinations[row] += conflict
@@ -235,18 +237,18 @@ def loop_of(learner: type[Any]) -> Callable[..., None]:
                             problem.interactions, before, run.wanted, cells, k
                         )
                     now = Transition(
-                        step,
-                        int(before[k]),
-                        int(run.actions[k]),
-                        int(run.moves[k]),
-                        seen,
-                        before,
-                        next_cell,
-                        cells,
-                        individual,
-                        common,
-                        asking,
-                        met,
+                        step=step,
+                        cell=int(before[k]),
+                        action=int(run.actions[k]),
+                        move=int(run.moves[k]),
+                        seen=seen,
+                        cells=before,
+                        next_cell=next_cell,
+                        next_cells=cells,
+                        individual=individual,
+                        common=common,
+                        asking=asking,
+                        partners=met,
                     )
                     after = task.goal_value
                     if not home:
@@ -262,6 +264,8 @@ def loop_of(learner: type[Any]) -> Callable[..., None]:
                     over = False
             if not task.learning:
                 run.factor[0] *= problem.discount
+
+            # The next time step, or the next episode (lines 19 and 20).
             clock[STEP] = step + 1
             clock[DONE] += 1
             if episode_ends(over, elapsed, run.max_steps):
@@ -272,6 +276,6 @@ def loop_of(learner: type[Any]) -> Callable[..., None]:
 
 
 @functools.cache
-def compiled(learner: type[Any]) -> Callable[..., None]:
+def compiled(learner: Any) -> Callable[..., None]:
     """Return the loop of a learner, compiled by numba when it is first called."""
     return jit([loop_of(learner)], learner)[0]

@@ -143,7 +143,7 @@ class Measures:
     def failed(self) -> int:
         """Number of failed teams: see `fails`."""
         shares = self.arrived if self.unit == RUN else [self.mean("arrived")]
-        return sum(fails(share) for share in shares)
+        return sum(1 for share in shares if fails(share))
 
     @property
     def how(self) -> str:
