@@ -32,7 +32,7 @@ PENALTIES = (-20.0, -100.0)
 BELOW = {
     "learners": (
         "Learners from within",
-        ["core.learners.learner", "core.learners.rules", "core.learners.mind"],
+        ["core.learners.learner", "core.learners.mind"],
     ),
     "game": (
         "The game",
@@ -147,7 +147,7 @@ def _scenario(scenario, results):
     known = []
     for penalty in PENALTIES:
         game = sc.load_scenario(name, penalty=penalty)
-        paths = sc.shortest_paths(game).returns
+        paths = sc.shortest_paths(game).mean("returns")
         yards = [("shortest paths", paths), *yardsticks(game)]
         known += [[what, f"{penalty:g}", f"{value:.2f}"] for what, value in yards]
     return f"""# {name}
@@ -273,7 +273,10 @@ def _api():
 
 
 def _named(name):
-    how = "autoclass" if inspect.isclass(getattr(sc, name)) else "autofunction"
+    thing = getattr(sc, name)
+    if inspect.ismodule(thing):
+        return f".. automodule:: {thing.__name__}\n   :members:\n"
+    how = "autoclass" if inspect.isclass(thing) else "autofunction"
     return f".. {how}:: sparse_coord_ros.{name}\n"
 
 

@@ -12,7 +12,6 @@ On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSa
 import sys
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.core.learners.rules import greatest
 
 
 class ExpectedSarsa(sc.Coop):
@@ -23,15 +22,17 @@ class ExpectedSarsa(sc.Coop):
     summary = "Algorithm 1 that bootstraps on the policy it follows"
 
     @staticmethod
-    def bootstrap(mind, task, cell, now):
+    def bootstrap(mind, task, k, cell, now):
         """Return the mean of Q*(cell, .) under the policy that explores by epsilon."""
+        values = mind.q_star[k, cell]
         total = 0.0
         for action in range(task.actions):
-            total += mind.q_star[cell][action]
-        explored = total / task.actions
-        return (1.0 - now.epsilon) * greatest(mind.q_star[cell], task.actions) + (
-            now.epsilon * explored
-        )
+            total += values[action]
+        mean = total / task.actions
+        epsilon = sc.rules.scheduled(task.epsilon, now.step)
+        return (1.0 - epsilon) * sc.rules.greatest(
+            values, task.actions
+        ) + epsilon * mean
 
 
 sc.register_learner(ExpectedSarsa)

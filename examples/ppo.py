@@ -157,7 +157,7 @@ def main(name="env1", steps=1_000_000, seed=0):
         policy_kwargs={"net_arch": [64, 64]},
         device="cpu",
     )
-    print(f"{name}; shortest paths: {sc.shortest_paths(scenario).returns:.2f}")
+    print(f"{name}; shortest paths: {sc.shortest_paths(scenario).in_words('returns')}")
     curve = Curve(scenario, steps // LOOKS)
     model.learn(steps * robots.team, callback=curve)
 

@@ -180,7 +180,7 @@ def main(name="env1", steps=20000, teams=20):
     print(
         f"learned, central: {means.mean():.2f} ± {error:.2f}, {failed} of {teams} teams fail"
     )
-    print(f"shortest paths: {sc.shortest_paths(scenario).returns:.2f}")
+    print(f"shortest paths: {sc.shortest_paths(scenario).in_words('returns')}")
     print(f"best asking team found: {sc.shipped_asking_team(scenario).value:.2f}")
     print(f"joint optimum: {sc.optimum(scenario).value:.2f}")
 

@@ -73,7 +73,7 @@ def main(calls=3000):
     returns = play(scenario, learn(scenario, calls)).mean(axis=1)
     error = returns.std(ddof=1) / len(returns) ** 0.5
     print(f"learned: {returns.mean():.2f} ± {error:.2f}")
-    print(f"shortest paths: {sc.shortest_paths(scenario).returns:.2f}")
+    print(f"shortest paths: {sc.shortest_paths(scenario).in_words('returns')}")
     print(f"best asking team found: {sc.shipped_asking_team(scenario).value:.2f}")
     print(f"joint optimum: {sc.optimum(scenario).value:.2f}")
 

@@ -56,13 +56,13 @@ from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
 from sparse_coord_ros.core.solve.optimum import joint_optimum as optimum
-from sparse_coord_ros.core.solve.reference import (
-    shortest_path_reference as shortest_paths,
-)
 from sparse_coord_ros.core.solve.shipped import (
     AskingTeam,
     RobotPolicy,
     shipped_asking_team,
+)
+from sparse_coord_ros.core.solve.shortest_paths import (
+    shortest_paths,
 )
 from sparse_coord_ros.studies.benchmark import benchmark
 from sparse_coord_ros.studies.catalogue import experiment_names

@@ -51,7 +51,7 @@ def main() -> None:
             scenario = scenario.with_settings(settings)
             teams = learn(scenario, options.teams, options.seed)
             returns, arrived = play(scenario, teams, options.trials, options.seed)
-            paths = sc.shortest_paths(scenario).returns
+            paths = sc.shortest_paths(scenario).mean("returns")
             gained += returns.mean() - paths
             gap += sc.shipped_asking_team(scenario).value - paths
             failed += sum(fails(one) for one in np.mean(arrived.all(axis=2), axis=1))

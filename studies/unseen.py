@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, jit, jitable
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
@@ -218,7 +218,7 @@ def passages(scenario) -> np.ndarray:
 # The loop, compiled where numba is installed.
 
 
-@inner
+@jitable
 def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
     """Return the probability that two robots end a step at one place.
 
@@ -238,7 +238,7 @@ def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
     return found
 
 
-@inner
+@jitable
 def in_turn(routed: Routed, cells: np.ndarray, sequence: np.ndarray) -> None:
     """Write in which order the robots choose: those in a doorway first."""
     count = 0
@@ -249,7 +249,7 @@ def in_turn(routed: Routed, cells: np.ndarray, sequence: np.ndarray) -> None:
                 count += 1
 
 
-@inner
+@jitable
 def choose(routed: Routed, space: np.ndarray, place: int) -> None:
     """Write where a robot goes.
 
@@ -340,7 +340,7 @@ def chosen(version: str, kind: str, robots: int, options):
         if not counts.get(split_of(name)):
             continue
         scenario = sc.load_scenario(name)
-        paths = sc.shortest_paths(scenario).returns
+        paths = sc.shortest_paths(scenario).mean("returns")
         optimum = sc.optimum(scenario)
         facts: dict[str, object] = {"shortest_paths": paths}
         if optimum.exact:

@@ -137,7 +137,7 @@ TINY = 1e-6
 def condition(part: str, result) -> dict[str, object]:
     """Return the row of a condition; gains and gaps are of a robot, in questions."""
     scenario = result.scenario
-    paths = result.reference["returns"]
+    paths = result.shortest_paths.mean("returns")
     measures = result.measures
     returns = measures.each("returns")
     failed = np.array([fails(share) for share in measures.arrived])
@@ -237,7 +237,7 @@ def measure(study, options) -> pd.DataFrame:
                 row = condition(part, result)
                 rows.append(row)
                 if part == "factored":
-                    paths = result.reference["returns"]
+                    paths = result.shortest_paths.mean("returns")
                     rows += yardsticks(row, result.scenario, paths)
     return pd.DataFrame(rows)
 

@@ -69,7 +69,7 @@ def main() -> None:
         row["time near"] = stays[:, near].sum() / stays.sum()
         row["cells near"] = near.mean()
         row["return"] = measures.mean("returns")
-        row["shortest paths"] = result.reference["returns"]
+        row["shortest paths"] = result.shortest_paths.mean("returns")
         rows.append(row)
     print(pd.DataFrame(rows).round(3).to_string(index=False))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sparse_coord_ros.core.runs.measures import MEASURES, RUN, TRIALS, Measures
 from sparse_coord_ros.core.solve.shipped import known_optimum
-from sparse_coord_ros.studies.condition_result import ConditionResult, reference_of
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.store import Plan
 
@@ -66,7 +66,6 @@ def made_up(condition, **changes):
         visited=[100.0] * len(values["returns"]),
         optimum=optimum.value,
         optimum_exact=optimum.exact,
-        reference=reference_of(scenario),
     )
     return replace(result, **changes)
 

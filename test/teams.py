@@ -135,7 +135,7 @@ def by_agents(scenario, learner, seed):
     for members, _ in groups_of(scenario, learner):
         world = World(scenario, seed)
         leave_out(world, members)
-        recorder = HistoryRecorder(len(agents), members=members)
+        recorder = HistoryRecorder(len(agents))
         for agent in agents:
             if agent.number in members:
                 agent.begin_episode()
@@ -156,7 +156,9 @@ def by_agents(scenario, learner, seed):
                 leave_out(world, members)
                 for k in members:
                     agents[k].begin_episode()
-        histories.append(recorder.history())
+        history = recorder.history()
+        history.present[:] = np.isin(range(len(agents)), members)
+        histories.append(history)
     return [agent.memory() for agent in agents], concatenated(histories)
 
 

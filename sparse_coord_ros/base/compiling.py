@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiling by numba: once a machine, in the background, kept on disk.
 
-Compiled loops call functions marked by `inner`; for other callers these stay plain Python.
+Compiled loops call functions marked by `jitable`; for other callers these stay plain Python.
 Numba checks only the file of a loop itself to decide whether its cache is valid. So each version
 of the sources has a folder of its own, named by a digest of them all.
 """
@@ -135,7 +135,7 @@ def _end_without(future: Future[Any]) -> None:
 
 # What compiled loops may call.
 
-_inner: list[Callable[..., Any]] = []
+_jitable: list[Callable[..., Any]] = []
 
 OPTIONS = {"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True}
 """Options of numba for loops and for what they call. Without `_nrt` numba counts no references to
@@ -143,9 +143,16 @@ arrays, which loops neither make nor keep (27 ns instead of 250 for a step of en
 compiles a function into its caller, which halves the time of a step; nobody needs C wrappers."""
 
 
-def inner(function: F) -> F:
-    """Let compiled loops call a function; for other callers it stays plain Python."""
-    _inner.append(function)
+def jitable(function: F) -> F:
+    """Let compiled loops call a function; for other callers it stays plain Python.
+
+    Args:
+        function: it may index arrays, compute, and call other such functions; it makes no objects.
+
+    Returns:
+        The same function. (It is numba's `register_jitable`, also where numba is not installed.)
+    """
+    _jitable.append(function)
     return function
 
 
@@ -161,8 +168,8 @@ def jit(
         rule: the learner whose functions are compiled in, or None.
     """
     compiler = numba()
-    while _inner:
-        compiler.extending.register_jitable(**OPTIONS)(_inner.pop())
+    while _jitable:
+        compiler.extending.register_jitable(**OPTIONS)(_jitable.pop())
     place = folder(rule)
     config = vars(compiler.config)
     before = config["CACHE_DIR"]

@@ -230,3 +230,12 @@ def import_apart(name: str, file: str) -> ModuleType:
     """
     with chdir(Path(__file__).parent) if os.path.exists(file) else nullcontext():
         return import_module(name)
+
+
+def free_memory() -> int | None:
+    """Return the bytes of memory that this machine has left; None where it does not say."""
+    with suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    return None

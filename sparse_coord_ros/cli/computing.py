@@ -71,9 +71,7 @@ class Bar(ExitStack):
         quiet: show no progress.
     """
 
-    def __init__(
-        self, unit: str, doing: str = "computing", *, quiet: bool = False
-    ) -> None:
+    def __init__(self, unit: str, doing: str, *, quiet: bool = False) -> None:
         super().__init__()
         self.doing = doing
         self._unit = unit

@@ -23,11 +23,11 @@ from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
-from sparse_coord_ros.core.runs.measures import HEADINGS, Measures
+from sparse_coord_ros.core.runs.measures import ERRORS, EXACT, HEADINGS, Measures
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
@@ -167,7 +167,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         **one.measures.to_dict(),
         "robots": one.measures.by_robot(),
         "paper": paper_row(one.run),
-        "shortest_paths": shortest_path_reference(scenario),
+        "shortest_paths": shortest_paths(scenario).to_dict(),
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
         "best_asking_team": None if bound is None else bound.value,
@@ -180,7 +180,7 @@ def result_of(scenario: Scenario, measures: Measures) -> dict[str, Any]:
     asking = shipped.shipped_asking_team(scenario)
     return {
         **measures.to_dict(),
-        "shortest_paths": shortest_path_reference(scenario).returns,
+        "shortest_paths": shortest_paths(scenario).mean("returns"),
         "best_asking_team": None if asking is None else asking.value,
         "optimum": shipped.known_optimum(scenario).value,
     }
@@ -221,8 +221,16 @@ def result_table(found: Sequence[Evaluated]) -> str:
                 for pair in pairs
             ]
             rows.append([title, *cells, "paper"])
-    paths = shortest_path_reference(scenario)
-    rows.append(["fixed shortest paths", *paths.cells().values()])
+    paths = shortest_paths(scenario).cells(spread=True)
+    rows.append(["fixed shortest paths", *paths.values()])
+    team = shipped.shipped_best_team(scenario)
     for name, value in shipped.yardsticks(scenario):
-        rows.append([name, f"{value:.2f}", "-", "-", "-", "-", "-"])
-    return format_table([*head, "source"], rows)
+        cell = f"{value:.2f}"
+        source = EXACT
+        if team is not None and name == shipped.LEARNED_TEAM:
+            cell = f"{cell} ({team.standard_error:.2f})"
+            source = f"{team.trials} trials"
+        rows.append([name, cell, "-", "-", "-", "-", source])
+    table = format_table([*head, "source"], rows)
+    sampled = any(row[-1].endswith(" trials") for row in rows)
+    return f"{table}\n{ERRORS}" if sampled else table

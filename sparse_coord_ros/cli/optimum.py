@@ -6,6 +6,7 @@ import argparse
 from dataclasses import asdict
 from pathlib import Path
 
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -19,7 +20,7 @@ from sparse_coord_ros.cli.options import (
 )
 from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.runs.measures import fails
+from sparse_coord_ros.core.runs.measures import EXACT, Measures
 from sparse_coord_ros.core.solve.asking_search import (
     RESTARTS,
     WARNING,
@@ -32,12 +33,12 @@ from sparse_coord_ros.core.solve.optimum import (
     independent_bound,
     joint_optimum,
 )
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
     BOUND,
     shipped_asking_team,
     shipped_best_team,
 )
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
@@ -83,12 +84,13 @@ def execute(options: argparse.Namespace) -> None:
     allowed_with(options, "--class", OF_THE_SEARCH)
     optimum = joint_optimum(scenario)
     bound = independent_bound(scenario)
-    paths = shortest_path_reference(scenario)
+    paths = shortest_paths(scenario)
     shipped = shipped_asking_team(scenario)
     team = shipped_best_team(scenario)
     facts = {"scenario": scenario.name, **asdict(optimum)}
     facts |= {"robots_alone": bound}
-    facts |= {"shortest_paths": paths, "best_asking_team": shipped, "best_team": team}
+    facts |= {"shortest_paths": paths.to_dict()}
+    facts |= {"best_asking_team": shipped, "best_team": team}
     known = {"exact joint optimum": "not computed: too many joint states"}
     if optimum.joint_states > MOST_JOINT_STATES:
         limit = f"more than {MOST_JOINT_STATES} joint states"
@@ -100,14 +102,22 @@ def execute(options: argparse.Namespace) -> None:
     if team is not None:
         known["best learned team"] = str(team)
     known[BOUND] = f"{bound:.2f}"
-    known["fixed shortest paths"] = paths.in_words()
-    if not paths.exact:
-        known["fixed shortest paths"] += f"; {paths.trials} trials (standard error)"
+    known["fixed shortest paths"] = _paths_in_words(paths)
     head = f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states"
     lines = [f"{name:<22} {said}" for name, said in known.items()]
-    if fails(paths.all_arrived):
+    if paths.failed:
         lines.append(_horizon_in_words(scenario))
     tell(options, facts, head, *lines)
+
+
+def _paths_in_words(paths: Measures) -> str:
+    """Return return and miscoordinations, and how often robots do not arrive."""
+    missed = paths.in_words("miscoordinations")
+    text = f"{paths.in_words('returns')}, {missed} miscoordinations"
+    arrive = percent(paths.mean("arrived"))
+    if arrive != percent(1.0):
+        text += f", all arrive in {arrive}"
+    return text if paths.source == EXACT else f"{text}; {paths.how}"
 
 
 def _horizon_in_words(scenario: Scenario) -> str:

@@ -15,7 +15,7 @@ from sparse_coord_ros.cli.options import (
     format_table,
     tell,
 )
-from sparse_coord_ros.core.runs.measures import HEADINGS
+from sparse_coord_ros.core.runs.measures import ERRORS, HEADINGS
 from sparse_coord_ros.studies.catalogue import NAMES
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.runner import run_experiment
@@ -83,5 +83,6 @@ def _lines(
     if rows:
         head = ["condition", *HEADINGS.values(), "source", "optimum"]
         yield format_table(head, rows)
+        yield ERRORS
     if report:
         yield f"tables: {out / 'tables'}, figures: {out / 'figures'}"

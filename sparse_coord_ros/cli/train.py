@@ -181,7 +181,7 @@ def _trained(
     options: argparse.Namespace, out: Path, run: RunConfig, view: Watcher | None
 ) -> Training:
     """Let the team learn, with a progress bar and checkpoints."""
-    with Bar("steps", quiet=options.json) as bar:
+    with Bar("steps", "preparing the learner", quiet=options.json) as bar:
         engine = _ready_engine(options, run, bar)
         return train(
             run.scenario,
@@ -255,6 +255,7 @@ def _say(
     scenario = run.scenario
     trials = options.trials
     lines = []
+    last_line = []
     facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
     facts |= {"engine": done.engine, "episodes": done.history.episodes}
     expected = advice(scenario)
@@ -272,9 +273,12 @@ def _say(
             "last_word": word,
         }
         facts["evaluation"] = measures.to_dict()
-        lines = [result_table([Evaluated(out, run, measures)]), word.text]
+        lines = [result_table([Evaluated(out, run, measures)])]
         if word.kind == LOST:
             lines += tips(scenario, done)
+            last_line = [word.text]
+        else:
+            lines.append(word.text)
     if expected.text not in "".join(lines):
         lines.append(expected.text)
     lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
@@ -283,7 +287,7 @@ def _say(
     if done.evaluations:
         facts["evaluations"] = done.evaluations
         lines.append(f"on the way  {out / EVALUATIONS_FILE}")
-    shared.tell(options, facts, *lines)
+    shared.tell(options, facts, *lines, *last_line)
 
 
 def tips(scenario: Scenario, done: Training) -> list[str]:

@@ -168,7 +168,7 @@ def standing(
     if not results:
         return {**found, "failed": 0, "teams": 0}
     learned = [one.measures.each("returns") for one in results]
-    low = np.array([one.reference["returns"] for one in results])
+    low = np.array([one.shortest_paths.mean("returns") for one in results])
     high = np.array([_top(one) for one in results])
     share, error = pooled_share(learned, low, high)
     if name not in SAMPLED:

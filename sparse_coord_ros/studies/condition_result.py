@@ -3,21 +3,21 @@
 """The results of a condition: the measures of its runs, and what they are compared with."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.game.actions import PRIMITIVES
-from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.measures import MEASURES, Measures, by_run
-from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
+from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.studies.conditions import Condition
 
 KEY_BYTES = 8
@@ -39,9 +39,6 @@ class ConditionResult:
         visited: joint states that a robot has updated in Q^C, mean over the robots, of each run.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
-        reference: value of fixed shortest-path policies: returns, time_to_goal and
-            miscoordinations. Where robots swap or block also the other attributes
-            of `Reference`.
     """
 
     condition: Condition
@@ -51,7 +48,6 @@ class ConditionResult:
     visited: list[float]
     optimum: float
     optimum_exact: bool
-    reference: dict[str, float]
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -77,6 +73,11 @@ class ConditionResult:
     def measures(self) -> Measures:
         """What the teams earn: exact where that is computed, else in trials."""
         return self.trials if self.exact is None else self.exact
+
+    @cached_property
+    def shortest_paths(self) -> Measures:
+        """The measures of fixed shortest paths, with no coordination."""
+        return shortest_paths(self.scenario)
 
     @property
     def runs(self) -> int:
@@ -124,15 +125,12 @@ class ConditionResult:
             "optimum": self.optimum,
             "optimum_exact": self.optimum_exact,
             "errors_above_optimum": self.measures.errors_above(self.optimum),
-            "reference": self.reference,
+            "shortest_paths": self.shortest_paths.to_dict(),
         }
 
     def to_row(self) -> dict[str, Any]:
-        """Return the measures as a row of a table: `Measures.to_dict`, with spreads of trials."""
-        row = {**self.measures.to_dict(), "trials": self.trials.trials}
-        for name in MEASURES:
-            row[f"{name}_spread"] = self.trials.spread(name)
-        return row
+        """Return the measures as a row of a table: `Measures.to_dict`, with the trials played."""
+        return {**self.measures.to_dict(), "trials": self.trials.trials}
 
 
 RunResult: TypeAlias = tuple[Measures, Measures | None, float]
@@ -161,18 +159,4 @@ def collect(
         visited=list(visited),
         optimum=optimum.value,
         optimum_exact=optimum.exact,
-        reference=reference_of(condition.scenario),
     )
-
-
-def reference_names(scenario: Scenario) -> tuple[str, ...]:
-    """Return the attributes of `Reference` that a result has; where it is always exact, three."""
-    if only_together(interactions_of(scenario)):
-        return "returns", "time_to_goal", "miscoordinations"
-    return tuple(field.name for field in fields(Reference))
-
-
-def reference_of(scenario: Scenario) -> dict[str, float]:
-    """Return the fields of a result for the value of fixed shortest paths."""
-    found = asdict(shortest_path_reference(scenario))
-    return {name: float(found[name]) for name in reference_names(scenario)}

@@ -47,6 +47,7 @@ from sparse_coord_ros.studies.compared import (
     paper,
 )
 from sparse_coord_ros.studies.condition_result import ConditionResult
+from sparse_coord_ros.studies.paper import PAPER_MEASURES
 from sparse_coord_ros.studies.store import Say, read_results
 
 CELL_INCHES = 0.3
@@ -257,13 +258,13 @@ def _mean_and_bar(result: ConditionResult, name: str, bars: str) -> tuple[float,
     The variance has no bar.
     """
     if name == "variance":
-        return result.trials.spread("returns") ** 2, 0.0
+        return result.measures.spread("returns") ** 2, 0.0
     measure = "returns" if name == "loss" else name
     mean = result.measures.mean(measure)
     if name == "loss":
         mean = independent_bound(result.scenario) - mean
     if bars == "spread":
-        return mean, result.trials.spread(measure)
+        return mean, result.measures.spread(measure)
     return mean, result.measures.error(measure)
 
 
@@ -284,9 +285,9 @@ def compared_with(
         optimum: name of the joint optimum's line.
     """
     if measure not in ("returns", "loss"):
-        known = measure in result.reference
-        return {SHORTEST: result.reference[measure]} if known else {}
-    values = {SHORTEST: result.reference["returns"], optimum: result.optimum}
+        known = measure in PAPER_MEASURES
+        return {SHORTEST: result.shortest_paths.mean(measure)} if known else {}
+    values = {SHORTEST: result.shortest_paths.mean("returns"), optimum: result.optimum}
     asking = best_asking_team(result)
     if result.learner.asks and asking is not None:
         values[BEST_ASKING] = asking

@@ -84,7 +84,7 @@ def _rows_of_conditions(result: ConditionResult) -> Iterator[dict[str, Any]]:
     best = shipped_best_team(scenario)
     row["best_team"] = None if best is None else best.value
     for name in PAPER_MEASURES:
-        row[f"shortest_paths_{name}"] = result.reference[name]
+        row[f"shortest_paths_{name}"] = result.shortest_paths.mean(name)
     for name in PAPER_MEASURES:
         mean, spread = paper(result, name) or (None, None)
         row[f"paper_{name}"] = mean

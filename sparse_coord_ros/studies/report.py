@@ -79,7 +79,7 @@ def _beside_paper(
                 printed = paper(one, measure)
                 if printed is not None:
                     row[f"{title}, paper"] = f"{printed[0]:.2f}"
-            row["shortest paths"] = f"{own[0].reference[measure]:.2f}"
+            row["shortest paths"] = own[0].shortest_paths.in_words(measure)
             if measure == "returns":
                 row |= _yardsticks(own[0])
             yield row
@@ -96,7 +96,7 @@ def _each(results: Sequence[ConditionResult]) -> Iterator[Row]:
             **{name: as_text(plain[name]) for name in names},
             **_cells(one),
             "failed teams": f"{one.measures.failed} of {one.runs}",
-            "shortest paths": f"{one.reference['returns']:.2f}",
+            "shortest paths": one.shortest_paths.in_words("returns"),
             **_yardsticks(one),
         }
 

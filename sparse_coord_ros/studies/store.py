@@ -47,7 +47,7 @@ from sparse_coord_ros.studies.checked_json import (
     read_checked,
     to_text,
 )
-from sparse_coord_ros.studies.condition_result import ConditionResult, reference_names
+from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, parse_id
 
 MANIFEST = "results.json"
@@ -139,7 +139,7 @@ class Results:
         write_result(self.path(condition), to_text(data))
 
 
-SAVED = ("visited", "optimum", "optimum_exact", "reference")
+SAVED = ("visited", "optimum", "optimum_exact")
 """What a file says of a condition's runs besides measures, as named in `ConditionResult`."""
 
 PLAN_FORM: Mapping[str, Form] = {"seed": int, "runs": int, "trials": int}
@@ -162,14 +162,13 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
     measures: dict[str, Form] = dict.fromkeys(MEASURES, (plan.runs,))
     measures |= dict.fromkeys(BY_ROBOT, (plan.runs, robots))
     measures |= dict.fromkeys(BY_CELL, (robots, len(scenario.map.cells)))
-    variances = dict.fromkeys(MEASURES, (plan.runs,))
+    measures["variances"] = dict.fromkeys(MEASURES, (plan.runs,))
     return {
-        "trials": {**measures, "variances": variances},
-        "exact": OrNull({**measures, "variances": {}}),
+        "trials": measures,
+        "exact": OrNull(measures),
         "visited": (plan.runs,),
         "optimum": (),
         "optimum_exact": bool,
-        "reference": dict.fromkeys(reference_names(scenario), ()),
     }
 
 

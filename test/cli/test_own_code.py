@@ -26,13 +26,13 @@ class Eager(sc.Coop):
         return sc.RewardWeights(1, len(scenario.robots), 1)
 
     @staticmethod
-    def learn(mind, task, now):
-        coop_learn(mind, task, now)
-        coop_learn(mind, task, now)
+    def learn(mind, task, k, now, after):
+        coop_learn(mind, task, k, now, after)
+        coop_learn(mind, task, k, now, after)
 
 class Broken(sc.Coop):
     @staticmethod
-    def learn(mind, task, now):
+    def learn(mind, task, k, now, after):
         raise KeyError("step")
 
 @sc.perception_model

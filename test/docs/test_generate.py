@@ -45,4 +45,5 @@ def test_every_scenario_learner_and_name_has_its_page(made):
     assert "| [env1](../scenarios/env1.md) | -20 | 10,000 |" in made["learners/coop.md"]
     api = "".join(text for name, text in made.items() if name.startswith("api/"))
     documented = re.findall(r"auto(?:class|function):: sparse_coord_ros\.(\w+)", api)
-    assert sorted(documented) == sorted(sc.__all__)
+    assert sorted([*documented, "rules"]) == sorted(sc.__all__)
+    assert f"automodule:: {sc.rules.__name__}\n" in api

@@ -7,12 +7,19 @@ import runpy
 from pathlib import Path
 
 import pytest
-from teams import tables_equal
+from live_teams import same_tables
+from teams import in_parts, tables_equal, tables_in
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.core.game.plugins import allow_modules
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.measures import by_run
+from sparse_coord_ros.core.runs.run import learn
+from sparse_coord_ros.log.runlog import verify
+from sparse_coord_ros.ros.nodes.spin import ros_context
+from sparse_coord_ros.ros.nodes.team import run_team
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ELSEWHERE = ("own_robot.py",)
@@ -37,7 +44,8 @@ def test_all_of_them_are_listed_and_run_here():
     names = {path.name for path in EXAMPLES.glob("*.py")}
     source = Path(__file__).read_text()
     listed = (EXAMPLES / "README.md").read_text()
-    assert [name for name in names if f'"{name}"' not in source] == []
+    run = [f"{one.partition(':')[0]}.py" for one in OWN]
+    assert [n for n in names if n not in run and f'"{n}"' not in source] == []
     assert [name for name in names if f"({name})" not in listed] == []
 
 
@@ -81,39 +89,65 @@ def test_own_learner(said):
     assert len({line.partition(":")[2] for line in lines}) == 2
 
 
-OWN = "expected_sarsa:ExpectedSarsa"
+OWN = ("expected_sarsa:ExpectedSarsa", "ucb:UCB", "boltzmann:Boltzmann")
+"""Learners with a rule of their own: an update, and two ways to explore."""
+
+SETTINGS = {"steps": 600, "penalty": -20, "perception": "probability:0.7"}
 
 
-@pytest.fixture
-def compared(monkeypatch):
-    """Return a function that compares trials and tables of two pairs of learner and engine."""
+@pytest.fixture(params=OWN)
+def own(request, monkeypatch):
+    """Return the name of a learner of an example."""
     monkeypatch.syspath_prepend(EXAMPLES)
-    allow_modules(OWN.partition(":")[0])
+    allow_modules(request.param.partition(":")[0])
+    return request.param
 
-    def compare(*pairs):
-        scenario = load_scenario("env1", steps=3000, penalty=-20)
-        first, second = (
-            next(
-                iter(run_batch(scenario, learner, [5], trials=9, engine=engine, jobs=1))
-            )
-            for learner, engine in pairs
+
+def test_own_rules_live_stopped_resumed_and_from_the_log(own, tmp_path):
+    """The bits of plain Python without ROS, which are not those of Algorithm 1."""
+    out = tmp_path / "out"
+    values = {"scenario": "env1", "learner": own, "seed": 5, "checkpoint": 100}
+    saved = (out / "checkpoint").glob
+    with ros_context() as context:
+        first = run_team(
+            {**values, **SETTINGS, "out": str(out)},
+            context=context,
+            stop=lambda: len(list(saved("*_[0-9]*.npz"))) >= 3,
         )
-        same = first.trials.returns.tobytes() == second.trials.returns.tobytes()
-        return same, tables_equal(first.tables, second.tables)
-
-    return compare
-
-
-def test_expected_sarsa(compared):
-    assert not compared((OWN, "python"), ("coop", "python"))[1]
+    assert first["interrupted"]
+    with ros_context() as context:
+        run_team({"resume": True, "out": str(out)}, context=context)
+    assert same_tables(out)
+    assert verify(out).same
+    scenario = load_scenario("env1", **SETTINGS)
+    assert not tables_equal(tables_in(out), learn(scenario, "coop", 5))
 
 
 @pytest.mark.long
-def test_expected_sarsa_compiled(said, compared):
-    """A minute of compiling; then the bits of plain Python."""
-    lines = said("expected_sarsa.py", 2000).splitlines()
-    assert [line.split(":")[0] for line in lines] == ["coop", "expected_sarsa"]
-    assert compared((OWN, "auto"), (OWN, "python")) == (True, True)
+def test_own_rules_compiled(own, said, tmp_path):
+    """Compiled and plain in turn, through checkpoints, they learn what they learn plain."""
+    scenario = load_scenario("env1", **SETTINGS)
+    rule = learner_of(own)
+    plain = learn(scenario, rule, 5)
+    assert uses_numba("auto", rule)
+    assert tables_equal(
+        in_parts(scenario, rule, 5, (1, 100, 301, 600), tmp_path).tables, plain
+    )
+    assert tables_equal(learn(scenario, rule, 5, compiled=True), plain)
+    name = own.partition(":")[0]
+    lines = said(f"{name}.py", 2000).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["coop", name]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("own", OWN[1:], indirect=True)
+def test_own_exploration_learns_to_earn_nearly_what_coop_does(own):
+    scenario = load_scenario("env1", penalty=-20, steps=50_000)
+    means = []
+    for learner in ("coop", own):
+        runs = run_batch(scenario, learner, range(20), trials=100)
+        means.append(by_run(run.measures for run in runs).mean("returns"))
+    assert means[0] - 1.5 < means[1] < means[0] + 0.5
 
 
 def test_vector_learner(said):

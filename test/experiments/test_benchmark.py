@@ -16,13 +16,13 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.unseen import KINDS, SPLITS, TEAMS, split_of, team_of
 from sparse_coord_ros.core.runs.measures import EXACT
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
     game_digest,
     known_top,
     shipped_asking_team,
     unseen_buildings,
 )
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.studies.benchmark import pooled_share, standing
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.lists import LISTS, PENALTY, SAMPLED
@@ -59,7 +59,7 @@ def test_two_robots_are_in_one_anothers_way(name):
     scenario = load_scenario(name)
     said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
-    paths = shortest_path_reference(scenario).returns
+    paths = shortest_paths(scenario).mean("returns")
     optimum = joint_optimum(scenario).value
     assert said["shortest_paths"] == pytest.approx(paths, abs=1e-9)
     assert said["optimum"] == pytest.approx(optimum, abs=1e-7)
@@ -73,7 +73,7 @@ def test_more_are_too(name):
     scenario = load_scenario(name)
     said = SHIPPED[name]
     assert said["game"] == game_digest(scenario)
-    assert shortest_path_reference(scenario).returns == pytest.approx(
+    assert shortest_paths(scenario).mean("returns") == pytest.approx(
         said["shortest_paths"]
     )
     assert said["shortest_paths"] + 1 < known_top(scenario)
@@ -101,7 +101,7 @@ def test_every_scenario_of_a_list_has_a_gap(name):
         scenario = load_scenario(item.scenario).with_settings(
             {"penalty": PENALTY, **item.settings, "perception": "always"}
         )
-        paths = shortest_path_reference(scenario).returns
+        paths = shortest_paths(scenario).mean("returns")
         assert known_top(scenario) > paths, item
 
 
@@ -152,7 +152,7 @@ def test_learners_are_judged():
             engine="python",
         )
         results += swept.values()
-    low = np.array([one.reference["returns"] for one in results])
+    low = np.array([one.shortest_paths.mean("returns") for one in results])
     high = np.array([known_top(one.scenario) for one in results])
     means = np.array([one.measures.mean("returns") for one in results])
     assert noncoop["share"] == pytest.approx((means - low).sum() / (high - low).sum())

@@ -184,7 +184,7 @@ def test_a_table_of_all_pairs_is_refused_on_a_large_map():
     scenario = hall(160, 160)
     with pytest.raises(SettingError, match="has 25600 cells, .* at most 23170"):
         sight_of(PERCEPTION.parse("table_of_tests"), scenario.map)
-    with pytest.raises(SettingError, match="has 25600 cells, .* at most 4096"):
+    with pytest.raises(SettingError, match="has 25600 cells, .* at most 2048"):
         find_asking_team(scenario)
 
 

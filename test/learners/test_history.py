@@ -91,16 +91,6 @@ def test_going_on_with_an_episode_and_after_one():
         assert recorder.history().episodes == (4 if under_way else 5)
 
 
-def test_only_members_are_present():
-    recorder = HistoryRecorder(3, members=[1])
-    recorder.add(
-        0, 1, [None, ASK, None], outcome(reward(), reward(cost=-1.0), reward())
-    )
-    history = recorder.history()
-    assert history.present.tolist() == [[False, True, False]]
-    assert history.asks.tolist() == [[0, 1, 0]]
-
-
 def test_curves():
     history = recorded().history()
     steps, lengths = history.curve("length")
@@ -121,12 +111,13 @@ def test_curves():
 def test_curves_of_robots_that_learned_alone():
     parts = []
     for k in range(2):
-        recorder = HistoryRecorder(2, members=[k])
+        recorder = HistoryRecorder(2)
         for episode in range(3):
             actions = [ASK if robot == k else None for robot in range(2)]
             told = outcome(reward(cost=-1.0 - k), reward(cost=-1.0 - k))
             recorder.add(episode, 1 + 10 * episode + k, actions, told)
         parts.append(recorder.history())
+        parts[k].present[:, 1 - k] = False
     history = concatenated(parts)
     assert history.curve("returns", robot=2)[1].tolist() == [-2.0] * 3
     steps, returns = history.curve("returns")

@@ -15,7 +15,6 @@ from sparse_coord_ros.base.share import share_file
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve import asking_loops, asking_search
-from sparse_coord_ros.core.solve.asking_loops import PLAIN
 from sparse_coord_ros.core.solve.asking_search import (
     LETTERS,
     find_asking_team,
@@ -23,7 +22,6 @@ from sparse_coord_ros.core.solve.asking_search import (
 from sparse_coord_ros.core.solve.asking_words import in_words
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import independent_bound, joint_optimum
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import (
     RobotPolicy,
     game_digest,
@@ -31,10 +29,11 @@ from sparse_coord_ros.core.solve.shipped import (
     shipped_best_team,
     yardsticks,
 )
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 TINY = "1D.2"
 SMALL = "1.D.2\n..#.."
-LOOPS = asking_loops.compiled()  # plain where numba is missing
+CLIMB = asking_loops.compiled()  # plain where numba is missing
 needs_numba = pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
 
 
@@ -64,7 +63,8 @@ def class_value(scenario, robots):
     game = asking_search.game_of(scenario)
     team = asking_search.policies_of(scenario, robots)
     nobody = np.zeros(2, dtype=bool)
-    return LOOPS.solve(game, team, nobody, asking_search.workspace_of(game), -np.inf)
+    space = asking_search.workspace_of(game)
+    return CLIMB(game, team, nobody, space, asking_search.NO_TRIALS)
 
 
 def every_team(scenario):
@@ -87,7 +87,8 @@ def every_team(scenario):
             policy.moves[k, x] = option % 8
             policy.asks[k, x] = option == 8
         space = asking_search.workspace_of(game)
-        yield LOOPS.solve(game, policy, np.ones(2, dtype=bool), space, -np.inf)
+        both = np.ones(2, dtype=bool)
+        yield CLIMB(game, policy, both, space, asking_search.NO_TRIALS)
 
 
 @pytest.mark.parametrize("ask_cost", [pytest.param(0.01, marks=pytest.mark.long), 3])
@@ -118,7 +119,7 @@ def test_the_value_is_what_exact_evaluation_says(settings):
     assert worth.mean("returns") == pytest.approx(found.value, abs=1e-6)
     assert class_value(scenario, found.robots) == pytest.approx(found.value, abs=1e-6)
     assert found.value <= joint_optimum(scenario).value + 1e-6
-    assert found.value >= shortest_path_reference(scenario).returns - 1e-6
+    assert found.value >= shortest_paths(scenario).mean("returns") - 1e-6
 
 
 def test_no_other_moves_after_percepts_are_better():
@@ -145,12 +146,12 @@ def test_no_single_other_choice_is_better_where_climbing_ends(seed):
     scenario = made("1.D.2\n..D..", ask_cost=0.1)
     game = asking_search.game_of(scenario)
     rng = np.random.default_rng(seed)
-    team = asking_search.random_policies(game, rng)
+    team = asking_search.random_policies(scenario, rng)
     both = np.ones(2, dtype=bool)
     space = asking_search.workspace_of(game)
     options = asking_loops.OPTIONS
     cells = len(scenario.map.cells)
-    best = LOOPS.climb(game, team, both, space, rng.permutation(2 * cells * options))
+    best = CLIMB(game, team, both, space, rng.permutation(2 * cells * options))
     for k, x, move, asks in itertools.product(
         range(2), range(cells), range(4), (False, True)
     ):
@@ -158,7 +159,7 @@ def test_no_single_other_choice_is_better_where_climbing_ends(seed):
         other.moves[k, x] = move
         other.asks[k, x] = asks
         fresh = asking_search.workspace_of(game)
-        value = LOOPS.solve(game, other, both, fresh, -np.inf)
+        value = CLIMB(game, other, both, fresh, asking_search.NO_TRIALS)
         assert value <= best + 2 * asking_loops.LEAST_GAIN
 
 
@@ -166,7 +167,7 @@ def test_no_single_other_choice_is_better_where_climbing_ends(seed):
 def test_compiled_loops_find_the_same(monkeypatch):
     scenario = made(TINY, ask_cost=0.01)
     compiled = find_asking_team(scenario, restarts=1)
-    monkeypatch.setattr(asking_loops, "compiled", lambda: PLAIN)
+    monkeypatch.setattr(asking_loops, "compiled", lambda: asking_loops.climb)
     plain = find_asking_team(scenario, restarts=1)
     assert compiled.value == pytest.approx(plain.value, abs=1e-9)
     assert (compiled.robots, compiled.agreed) == (plain.robots, plain.agreed)
@@ -191,8 +192,9 @@ def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
     seen = np.full((2, 9, 9), 3)
     team = asking_loops.AskingPolicies(np.zeros((2, 9), dtype=np.int64), asking, seen)
     far = [scenario.map.distances_to(robot.goal) for robot in scenario.robots]
-    value = np.add.outer(0.9 ** far[0], 0.9 ** far[1])
-    asking_loops.best_at(game, team, np.ones(2, dtype=bool), value, 0, 8)
+    space = asking_search.workspace_of(game)
+    space.value[:] = np.add.outer(0.9 ** far[0], 0.9 ** far[1]).ravel()
+    asking_loops.best_at(game, team, np.ones(2, dtype=bool), space, 0 * 9 + 8)
     # east and west: as good
     assert (LETTERS[seen[0, 0, 8]], LETTERS[seen[1, 8, 0]]) == (
         "s",
@@ -212,7 +214,7 @@ def test_who_steps_aside_for_both_would_rather_not():
     stubborn = list(found.robots)
     stubborn[k] = RobotPolicy(found.robots[k].moves, {})
     worth = [
-        evaluate_exact(scenario, tables_of_policies(scenario, team)).robots[k]
+        evaluate_exact(scenario, tables_of_policies(scenario, team)).returns[0, k]
         for team in (found.robots, stubborn)
     ]
     assert worth[1] - worth[0] <= found.gains[k] + 1e-6
@@ -306,7 +308,7 @@ def test_a_shipped_team_is_worth_what_is_said(name):
     )
     assert abs(found.mean("returns") - bound.value) < 1e-6 + late
     assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_path_reference(scenario).returns - 1e-6
+    assert bound.value >= shortest_paths(scenario).mean("returns") - 1e-6
     assert 1 <= bound.agreed <= bound.restarts
     assert all(gain >= 0 for gain in bound.gains)
 
@@ -322,7 +324,7 @@ def test_teams_that_swap_or_block_are_worth_what_is_said(title):
     bound = shipped_asking_team(scenario)
     assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
     assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_path_reference(scenario).returns
+    assert bound.value >= shortest_paths(scenario).mean("returns")
 
 
 @pytest.mark.parametrize("name", ["lane", "aisle"])
@@ -331,7 +333,7 @@ def test_teams_of_the_teaching_scenarios_are_worth_what_is_said(name):
     bound = shipped_asking_team(scenario)
     assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
     assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_path_reference(scenario).returns - 1e-6
+    assert bound.value >= shortest_paths(scenario).mean("returns") - 1e-6
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-2r", "pentagon", "isr", "cit"])

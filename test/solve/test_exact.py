@@ -13,12 +13,12 @@ from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.mind import team_mind
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import play
-from sparse_coord_ros.core.runs.measures import MEASURES
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve import exact, exact_loops
-from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact, exact_means
+from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact, is_quick
 
 GAMMA = 0.95
 TRIALS = 10_000
@@ -54,8 +54,9 @@ def misses(scenario, tables):
     """
     found = evaluate_exact(scenario, tables)
     team = Team(scenario, tables[0].rule, compiled=True)
-    minds = team.initial([table.memory for table in tables])
-    trials = team.play(minds, 5, TRIALS)
+    memories = [table.memory for table in tables]
+    mind = team_mind(tables[0].rule, scenario, range(len(tables)), memories)
+    trials = team.play(mind, 5, TRIALS)
     said = []
 
     def compare(what, exactly, samples):
@@ -77,7 +78,7 @@ def misses(scenario, tables):
     if abs(likely - share) > 4 * math.sqrt(likely * (1 - likely) / TRIALS) + 1 / TRIALS:
         said.append(f"arrival: {likely} by the chain, {share} of trials")
     number = TRIALS // PARTS
-    parts = [team.play(minds, seed, number) for seed in range(6, 6 + PARTS)]
+    parts = [team.play(mind, seed, number) for seed in range(6, 6 + PARTS)]
     for name in ("asked", "stays"):
         there = np.array([getattr(part, name) for part in parts])
         error = there.std(axis=0, ddof=1) / math.sqrt(PARTS)
@@ -207,9 +208,9 @@ class Stubborn(Coop):
     name = "stubborn"
 
     @staticmethod
-    def asking_values(mind, task, cell, seen, cells, values):
+    def asking_values(mind, task, k, cell, seen, cells, values):
         for b in range(4):
-            values[b] = float(b == 0) if seen != 0 else mind.q_star[cell][b]
+            values[b] = float(b == 0) if seen != 0 else mind.q_star[k, cell, b]
 
 
 def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
@@ -246,7 +247,7 @@ def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
         ),
     ],
 )
-def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
+def test_a_batch_has_the_same_values_and_so_has_plain_python(
     monkeypatch, name, learner, settings
 ):
     scenario = load_scenario(name).with_settings(
@@ -256,17 +257,16 @@ def test_means_of_a_batch_are_the_exact_ones_and_plain_python_s(
     how = {"engine": "numba", "jobs": 1, "history": True}
     [run] = run_batch(scenario, learner, [7], trials=2, **how)
     found = evaluate_exact(scenario, run.tables, learner=learner)
-    means = run.exact
-    for measure in MEASURES:
-        assert (getattr(means, measure) == getattr(found, measure)).all()
-    assert (means.asked == found.asked).all() and (means.stays == found.stays).all()
+    assert run.exact == found
     monkeypatch.setattr(exact, "compiled", lambda: exact_loops.carry)
     plain = evaluate_exact(scenario, run.tables, learner=learner)
     assert plain.to_dict() == found.to_dict()
 
 
-def test_a_batch_of_larger_teams_has_no_exact_means():
-    assert exact_means(load_scenario("env2-4r"), []) is None
+def test_a_batch_has_exact_values_where_they_are_quick():
+    assert [is_quick(load_scenario(name)) for name in ("env1", "cmu")] == [True, True]
+    assert not is_quick(load_scenario("env2-4r"))
+    assert not is_quick(load_scenario("cmu").with_settings({"horizon": 1000}))
 
 
 def test_cells_that_nobody_comes_to_do_not_count(monkeypatch):
@@ -303,4 +303,3 @@ def test_what_takes_longer_than_trials_is_played(monkeypatch):
         scenario, tables, trials=7, progress=lambda *done: told.append(done)
     )
     assert (found.how, told) == ("7 trials", [(trial, 7) for trial in range(7)])
-    assert exact_means(scenario, tables) is None

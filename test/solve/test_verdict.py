@@ -14,8 +14,8 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import TRIALS
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.core.solve.verdict import (
     FAILING,
     IN_VAIN,
@@ -130,7 +130,7 @@ def test_a_slight_loss_alone_is_not_learned():
 
 
 def earning_of_paths(scenario):
-    return shortest_path_reference(scenario).returns
+    return shortest_paths(scenario).mean("returns")
 
 
 @pytest.mark.parametrize("penalty", [-1, -100])
@@ -176,10 +176,10 @@ def test_a_team_that_does_not_arrive_has_learned_nothing():
 def test_robots_that_stand_in_each_other_s_way_lose_time():
     """With block alone there are no miscoordinations to compare."""
     scenario = load_scenario("isr", interactions="block:anywhere")
-    ignoring = shortest_path_reference(scenario)
+    ignoring = shortest_paths(scenario)
     best = known_optimum(scenario).value
-    said = earning(scenario, 0.5 * (ignoring.returns + best) + 1.0)
+    said = earning(scenario, 0.5 * (ignoring.mean("returns") + best) + 1.0)
     assert said.kind == LEARNED
-    assert f"instead of {ignoring.time_to_goal:.3g}." in said.text
-    assert f"all arrive in {percent(ignoring.all_arrived)}" in said.text
+    assert f"instead of {ignoring.mean('time_to_goal'):.3g}." in said.text
+    assert f"all arrive in {percent(ignoring.mean('arrived'))}" in said.text
     assert "Miscoordinations" not in said.text

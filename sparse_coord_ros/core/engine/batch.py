@@ -41,7 +41,7 @@ from sparse_coord_ros.core.learners.mind import rows_in
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
-from sparse_coord_ros.core.solve.exact import exact_means
+from sparse_coord_ros.core.solve.exact import evaluate_exact, is_quick
 
 SMALL = "env1"
 """The scenario on which loops are played when they are compiled."""
@@ -200,7 +200,7 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
         return True
     if engine == "numba":
         raise SettingError(
-            f"setting engine: value is 'numba', but learner {learner.label} has no compiled form; "
+            f"setting engine: value is 'numba', but it cannot compile learner {learner.label}; "
             "leave the engine out, or choose 'python'"
         )
     return False
@@ -238,7 +238,7 @@ def _reason(error: PluginError) -> str:
     reasons = [line for line in lines if line.startswith(TELLING)]
     if not reasons:
         return type(error.__cause__).__name__
-    return re.sub(r" at 0x[0-9a-f]+|\) found for signature:$", "", reasons[-1])
+    return re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
 
 
 def _run_plain(
@@ -256,7 +256,9 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
         found = replace(found, history=found.history.first(0).copy())
     if not trials:
         return found
-    exact = exact_means(team.scenario, found.tables)
+    exact = None
+    if is_quick(team.scenario):
+        exact = evaluate_exact(team.scenario, found.tables)
     return replace(found, trials=learning.play(trials), exact=exact)
 
 
@@ -299,9 +301,7 @@ def _compile(learner: Learner) -> None:
 
     def warm_up() -> None:
         small = learner.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
-        run = LearningRun(Team(small, learner, compiled=True), seed=0)
-        run.advance(1)
-        exact_means(small, run.tables)
+        LearningRun(Team(small, learner, compiled=True), seed=0).advance(1)
 
     if not is_prepared(learner=learner):
         print(

@@ -86,7 +86,7 @@ class Watcher(Protocol):
 def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
     """Return the engine of a run: "numba" or "python".
 
-    "auto" is numba where it is installed, the learner has a compiled form, and the run is long
+    "auto" is numba where it is installed, it can compile the learner, and the run is long
     enough to justify numba's start of some seconds (or numba has started already).
 
     Raises:

@@ -10,7 +10,7 @@ Plain Python and compiled loops run this source, with the same bits.
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 
 LEARNING, EVALUATION = range(2)
 """Phases of a run: the same seed gives independent draws in each."""
@@ -57,7 +57,7 @@ _BITS_53 = 2**53 - 1
 _UNIT = 2.0**-53
 
 
-@inner
+@jitable
 def draw(key: int, step: int, column: int) -> float:
     """Return a uniform draw in [0, 1), a multiple of 2^-53.
 
@@ -72,7 +72,7 @@ def draw(key: int, step: int, column: int) -> float:
     return ((mixed(int(key) + counter * _GOLDEN) >> 11) & _BITS_53) * _UNIT
 
 
-@inner
+@jitable
 def mixed(z: int) -> int:
     """Return the finalizer of SplitMix64 of the low 64 bits of a number.
 

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import Scenario
 
@@ -128,19 +128,19 @@ def _places(scenario: Scenario, place: str | None) -> np.ndarray:
 # Two robots: numbers, or arrays of one shape.
 
 
-@inner
+@jitable
 def together(place: Any, other: Any) -> Any:
     """Return whether robots at two meeting places are together."""
     return (place == other) & (place != NOWHERE)
 
 
-@inner
+@jitable
 def exchanged(passages: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
     """Return whether a robot that went from x to y exchanged cells with one from z to w."""
     return (x != y) & (x == w) & (y == z) & passages[x] & passages[y]
 
 
-@inner
+@jitable
 def stops(c: Any, x: Any, z: Any, w: Any, first: bool) -> Any:
     """Return whether a robot stops another one that wants from x into narrow cell c.
 
@@ -159,7 +159,7 @@ def stops(c: Any, x: Any, z: Any, w: Any, first: bool) -> Any:
 # One step of a team.
 
 
-@inner
+@jitable
 def settle(inter: Interactions, before: Any, cells: Any) -> None:
     """Stop the robots that cannot go where they want.
 
@@ -185,7 +185,7 @@ def settle(inter: Interactions, before: Any, cells: Any) -> None:
                     break
 
 
-@inner
+@jitable
 def miscoordinates(inter: Interactions, before: Any, after: Any) -> bool:
     """Return whether a step is a miscoordination: two robots are together, or exchanged cells.
 
@@ -208,7 +208,7 @@ def miscoordinates(inter: Interactions, before: Any, after: Any) -> bool:
     return False
 
 
-@inner
+@jitable
 def partners(inter: Interactions, before: Any, wanted: Any, after: Any, k: int) -> int:
     """Return the robots with which robot k interacts in a step, the sum of 2^j; 0: with none.
 

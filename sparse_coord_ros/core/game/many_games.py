@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import has_numba, inner, jit
+from sparse_coord_ros.base.compiling import has_numba, jit, jitable
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import EVALUATION, keys_of
 from sparse_coord_ros.core.game.interactions import miscoordinates, settle
@@ -50,7 +50,7 @@ class Games(NamedTuple):
 
     Attributes:
         problem: the scenario.
-        members: the robots.
+        team: number of robots.
         exploring: probability of an exploring start [time step].
         most_steps: steps after which an episode ends.
         in_halves: whether robots ask in the first half of a time step; else with their moves.
@@ -67,7 +67,7 @@ class Games(NamedTuple):
     """
 
     problem: Problem
-    members: Any
+    team: int
     exploring: Any
     most_steps: int
     in_halves: bool
@@ -142,7 +142,7 @@ def room_for_games(
         exploring = probabilities(scenario.starts, scenario.steps)
     return Games(
         problem=problem_of(scenario),
-        members=np.arange(team),
+        team=team,
         exploring=exploring,
         most_steps=longest_episode(scenario, phase),
         in_halves=in_halves,
@@ -167,7 +167,7 @@ def longest_episode(scenario: Scenario, phase: int) -> int:
 def seed_one(games: Games, i: int, seed: int, phase: int) -> None:
     """Let a game be at the beginning of the run with a seed; its first episode is yet to begin."""
     games.step[i] = FIRST_STEP - EPISODE_GAP
-    games.keys[i] = keys_of(seed, phase, len(games.members))
+    games.keys[i] = keys_of(seed, phase, games.team)
 
 
 def actions_of(games: Games) -> int:
@@ -204,7 +204,7 @@ def new_outcome(games: Games) -> Outcome:
     )
 
 
-@inner
+@jitable
 def is_allowed(action: int, waits: bool, half: bool, chosen: int) -> bool:
     """Return whether a robot may choose an action now.
 
@@ -231,7 +231,7 @@ def first_refused(actions: Any, games: Games, allowed: Any) -> int:
         games: the games.
         allowed: the masks of the last observations [i][k][action].
     """
-    team = len(games.members)
+    team = games.team
     for i in range(len(games.step)):
         if games.ended[i]:
             continue
@@ -245,13 +245,13 @@ def first_refused(actions: Any, games: Games, allowed: Any) -> int:
     return -1
 
 
-@inner
+@jitable
 def begin(games: Games, i: int) -> None:
     """Begin the next episode of a game."""
     keys = games.keys[i]
     step = int(games.step[i]) + EPISODE_GAP
     exploring = games.exploring[min(step, len(games.exploring) - 1)]
-    for k in games.members:
+    for k in range(games.team):
         games.cells[i, k] = start_of(games.problem, keys, k, step, exploring)
         games.arrived[i, k] = False
         games.seen[i, k] = 0
@@ -261,13 +261,13 @@ def begin(games: Games, i: int) -> None:
     games.ended[i] = False
 
 
-@inner
+@jitable
 def ask_first(games: Games, i: int, actions: Any) -> bool:
     """Make the first half of a time step; return whether any robot asks."""
     keys = games.keys[i]
     step = int(games.step[i])
     asks = False
-    for k in games.members:
+    for k in range(games.team):
         games.chosen[i, k] = actions[i, k]
         if actions[i, k] == COORDINATE and not games.arrived[i, k]:
             asks = True
@@ -275,15 +275,15 @@ def ask_first(games: Games, i: int, actions: Any) -> bool:
     return asks
 
 
-@inner
+@jitable
 def choose_both(games: Games, i: int, actions: Any) -> None:
     """Note which robots ask with their moves; they perceive after the moves."""
-    for k in games.members:
+    for k in range(games.team):
         asks = actions[i, k] >= PRIMITIVES
         games.chosen[i, k] = COORDINATE if asks else actions[i, k]
 
 
-@inner
+@jitable
 def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Complete a time step: moves, rewards, ends."""
     problem = games.problem
@@ -292,14 +292,14 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
     inter = problem.interactions
     cells = games.cells[i]
     before = games.before[i]
-    for k in games.members:
+    for k in range(games.team):
         before[k] = cells[k]
         if not games.arrived[i, k]:
             cells[k] = led(problem, keys, k, step, cells[k], actions[i, k] % PRIMITIVES)
     settle(inter, before, cells)
     conflict = miscoordinates(inter, before, cells)
     over = True
-    for k in games.members:
+    for k in range(games.team):
         acts = not games.arrived[i, k]
         home = acts and cells[k] == problem.goals[k]
         asked = acts and games.chosen[i, k] == COORDINATE
@@ -324,34 +324,34 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
     infos.miscoordination[i] = conflict
 
 
-@inner
+@jitable
 def clear_outcome(games: Games, i: int, outcome: Outcome) -> None:
     """Note that nothing is paid, and that nothing ends."""
-    for k in games.members:
+    for k in range(games.team):
         outcome.reward[i, k] = 0.0
     outcome.terminated[i] = False
     outcome.truncated[i] = False
 
 
-@inner
+@jitable
 def clear_infos(games: Games, i: int, infos: Infos) -> None:
     """Note that no step was made."""
     infos.miscoordination[i] = False
-    for k in games.members:
+    for k in range(games.team):
         for part in range(PARTS):
             infos.reward_parts[i, k, part] = 0.0
 
 
-@inner
+@jitable
 def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
     """Copy the infos of a step."""
     copied.miscoordination[i] = infos.miscoordination[i]
-    for k in games.members:
+    for k in range(games.team):
         for part in range(PARTS):
             copied.reward_parts[i, k, part] = infos.reward_parts[i, k, part]
 
 
-@inner
+@jitable
 def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Make a time step of a game, or half of one."""
     if not games.in_halves:
@@ -365,12 +365,12 @@ def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) 
     move(games, i, actions, outcome, infos)
 
 
-@inner
+@jitable
 def observe(games: Games, i: int, shown: Observations, infos: Infos) -> None:
     """Fill in the observations and the infos of a game."""
     half = games.half[i]
     infos.half_step[i] = half
-    for k in games.members:
+    for k in range(games.team):
         infos.arrived[i, k] = games.arrived[i, k]
         seen = games.seen[i, k]
         row = shown.observation[i, k]
@@ -378,7 +378,7 @@ def observe(games: Games, i: int, shown: Observations, infos: Infos) -> None:
         row[SECOND_HALF] = half
         row[ANSWERED] = seen != 0
         column = PEERS
-        for j in range(len(games.members)):
+        for j in range(games.team):
             if j != k:
                 row[column] = games.cells[i, j] + 1 if seen >> j & 1 else 0
                 column += 1

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game import sight
 from sparse_coord_ros.core.game.grid import GridMap
@@ -262,7 +262,7 @@ def check_pairs(grid: GridMap, what: str, most: int) -> None:
         )
 
 
-@inner
+@jitable
 def succeeds(draw: Any, probability: Any) -> Any:
     """Return whether a percept succeeds, for numbers or arrays. The loops compile it.
 
@@ -287,7 +287,7 @@ def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int,
     return (drawn_peer(number, robots, draw),)
 
 
-@inner
+@jitable
 def drawn_peer(number: int, robots: int, draw: float) -> int:
     """Return the one peer that a robot asks; arguments as of `asked_peers`. Loops compile it."""
     peer = int(draw * (robots - 1))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.draws import (
     ENVIRONMENT,
     MOTION,
@@ -100,7 +100,7 @@ def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
     )
 
 
-@inner
+@jitable
 def start_of(problem: Problem, keys: Any, k: int, step: int, exploring: float) -> int:
     """Return the cell where robot k begins an episode: its start, or an exploring start.
 
@@ -118,7 +118,7 @@ def start_of(problem: Problem, keys: Any, k: int, step: int, exploring: float) -
     return int(problem.starts[k])
 
 
-@inner
+@jitable
 def led(problem: Problem, keys: Any, k: int, step: int, cell: int, move: int) -> int:
     """Return the cell in which a move of robot k ends: where it leads, or the same cell."""
     if draw(keys[ENVIRONMENT, k], step, MOTION) < problem.move_success:
@@ -126,7 +126,7 @@ def led(problem: Problem, keys: Any, k: int, step: int, cell: int, move: int) ->
     return cell
 
 
-@inner
+@jitable
 def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     """Return the peers that robot k perceives by COORDINATE, the sum of 2^j; 0: it fails."""
     team = len(cells)
@@ -149,7 +149,7 @@ def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     return seen
 
 
-@inner
+@jitable
 def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
     """Return whether an episode ends: all robots have arrived, or its steps are used up.
 
@@ -161,31 +161,31 @@ def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
     return all_arrived or steps >= most
 
 
-@inner
+@jitable
 def individual_reward(problem: Problem, arrives: bool) -> float:
     """Return r^I_k of a step."""
     return problem.goal_reward if arrives else 0.0
 
 
-@inner
+@jitable
 def common_reward(problem: Problem, k: int, conflict: bool) -> float:
     """Return r^C of a step for robot k, arrived or not: any robots may miscoordinate."""
     return float(problem.penalties[k]) if conflict else 0.0
 
 
-@inner
+@jitable
 def asking_reward(problem: Problem, asked: bool) -> float:
     """Return minus the cost of COORDINATE, answered or not; or 0."""
     return -problem.ask_cost if asked else 0.0
 
 
-@inner
+@jitable
 def goal_paid(problem: Problem, factor: float) -> float:
     """Return the total that the goal pays from the arrival on, for ever, times a factor."""
     return factor * problem.goal_reward / (1.0 - problem.discount)
 
 
-@inner
+@jitable
 def paid_for_ever(
     problem: Problem, arrives: bool, common: float, ask_cost: float
 ) -> float:

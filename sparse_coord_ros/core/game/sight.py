@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.grid import GridMap
 
 CONSTANT, RANGE, LINE_OF_SIGHT, TABLE = range(4)
@@ -100,7 +100,7 @@ def _on(grid: GridMap, kind: int, **more: Any) -> Sight:
 # Pairs of cells.
 
 
-@inner
+@jitable
 def probability(sight: Sight, x: int, z: int) -> float:
     """Return the probability that a percept succeeds."""
     if sight.kind == CONSTANT:
@@ -108,7 +108,7 @@ def probability(sight: Sight, x: int, z: int) -> float:
     return _by_place(sight, x, z)
 
 
-@inner
+@jitable
 def _by_place(sight: Sight, x: int, z: int) -> float:
     """As `probability`, for models that depend on the cells."""
     if sight.kind == TABLE:
@@ -123,13 +123,13 @@ def _by_place(sight: Sight, x: int, z: int) -> float:
     return 1.0 if is_near(rows, columns, sight.reach) else 0.0
 
 
-@inner
+@jitable
 def is_near(rows: Any, columns: Any, reach: int) -> Any:
     """Return whether cells so many rows and columns apart are within reach: numbers or arrays."""
     return rows * rows + columns * columns <= reach
 
 
-@inner
+@jitable
 def is_in_sight(free: Any, columns: int, here: int, there: int) -> bool:
     """Return whether the straight line between two squares' centres crosses no wall.
 
@@ -163,7 +163,7 @@ def is_in_sight(free: Any, columns: int, here: int, there: int) -> bool:
     return True
 
 
-@inner
+@jitable
 def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
     """Return whether a failed percept from cell x proves that the peer is not in cell z.
 
@@ -177,7 +177,7 @@ def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
     return bool(sight.everywhere[x] == NO)
 
 
-@inner
+@jitable
 def _looked_around(sight: Sight, x: int) -> int:
     """Return `Sight.everywhere` of a cell."""
     for z in range(len(sight.everywhere)):

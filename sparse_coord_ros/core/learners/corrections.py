@@ -9,7 +9,7 @@ change if the peer is perceived there. Each own cell has one more row, for faile
 from collections.abc import Mapping
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.learners.rules import (
     NOT_PERCEIVED,
@@ -28,13 +28,13 @@ NO_CORRECTION = 0
 # Keys of rows.
 
 
-@inner
+@jitable
 def rho_key(cell: int, peer: int, peer_cell: int, cells: int, robots: int) -> int:
     """Return the key of a row of rho."""
     return (cell * robots + peer) * cells + peer_cell
 
 
-@inner
+@jitable
 def failed_key(cell: int, cells: int, robots: int) -> int:
     """Return the key of the row of failed percepts of a cell; of cell number `cells` the end."""
     return cells * robots * cells + cell
@@ -73,7 +73,7 @@ def corrections_of(
     }
 
 
-@inner
+@jitable
 def counts(task: Task, k: int, peer: int, cell: int, peer_cell: int) -> bool:
     """Return whether a robot counts the correction of a peer that it perceives.
 
@@ -83,7 +83,7 @@ def counts(task: Task, k: int, peer: int, cell: int, peer_cell: int) -> bool:
     return not (task.robots > 2 and cell == peer_cell and k < peer)
 
 
-@inner
+@jitable
 def correct(mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any) -> None:
     """Set `mind.correction` to Q^C(x, z, .) - U(x, .), and `mind.found` to its rows of rho."""
     for b in range(PRIMITIVES):
@@ -99,7 +99,7 @@ def correct(mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any) -> 
             mind.found[k, peer] = add_row(mind, k, key)
 
 
-@inner
+@jitable
 def add_row(mind: Any, k: int, key: int) -> int:
     """Add a row of rho to `mind.correction`; return it."""
     row = find(mind.rho, k, key)
@@ -108,7 +108,7 @@ def add_row(mind: Any, k: int, key: int) -> int:
     return row
 
 
-@inner
+@jitable
 def gain(u: Values, correction: Values) -> float:
     """Return the change of the best move's value by a percept."""
     best = u[0] + correction[0]
@@ -120,7 +120,7 @@ def gain(u: Values, correction: Values) -> float:
 # Learning.
 
 
-@inner
+@jitable
 def learn_rho(
     mind: Any, task: Task, k: int, now: Transition, row: int, b: int, common: float
 ) -> None:
@@ -131,7 +131,7 @@ def learn_rho(
     mind.rho.values[k, row, b] = toward(mind.rho.values[k, row, b], alpha, common)
 
 
-@inner
+@jitable
 def step_of_rho(task: Task, count: int, step: int) -> float:
     """Return the step size of an entry's update: less than U's, which counts from 1."""
     return step_size(task, min(count + 1, len(task.step_sizes) - 1), step)

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import (
@@ -199,7 +199,7 @@ class CQ(Learner):
                     ql_update(values, updates, now.move, task, now.step, reward, after)
 
 
-@inner
+@jitable
 def pair_key(mind: Any, task: Task, k: int, cell: int, peer: int, cells: Any) -> int:
     """Return the number of the joint state with a peer, of all own cells.
 
@@ -218,13 +218,13 @@ def pair_key(mind: Any, task: Task, k: int, cell: int, peer: int, cells: Any) ->
     return key
 
 
-@inner
+@jitable
 def is_marked(values: Values) -> bool:
     """Return whether a cell is marked, by its row of Q*."""
     return bool(values[COORDINATE] > greatest(values, PRIMITIVES))
 
 
-@inner
+@jitable
 def differs(sample: Any, value: float) -> bool:
     """Add a sample; return whether the mean is not 0 by the test of this window, or one before.
 

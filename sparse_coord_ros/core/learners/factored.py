@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import (
@@ -96,7 +96,7 @@ class Factored(Learner):
     )
     values = ("q_star", "value", "u", "alone", "r_bar", "w", "rho")
     given = ("leaves",)
-    scratch = ("correction", "found", "there", "obstruction")
+    scratch = ("correction", "found", "there", "obstruction", "obstructed")
 
     class Mind(NamedTuple):
         """The learned tables; k is a robot, x its cell, b a move, j a peer.
@@ -129,6 +129,7 @@ class Factored(Learner):
             there: space for the value of the second of two questions where each move leads
                 [k, b].
             obstruction: space for the degree to which each peer is in the way there [k, b, j].
+            obstructed: space for their sum [k, b].
         """
 
         q_star: Any
@@ -154,6 +155,7 @@ class Factored(Learner):
         found: Any
         there: Any
         obstruction: Any
+        obstructed: Any
 
     # A team.
 
@@ -226,6 +228,7 @@ class Factored(Learner):
             found=np.zeros(team, dtype=np.int64),
             there=np.zeros(PRIMITIVES),
             obstruction=np.zeros((PRIMITIVES, team)),
+            obstructed=np.zeros(PRIMITIVES),
         )
 
     @staticmethod
@@ -325,7 +328,7 @@ def leaves_stand_offs(scenario: Scenario) -> bool:
     return len(scenario.robots) > 2 and anywhere
 
 
-@inner
+@jitable
 def asks_again(mind: Any, task: Task, k: int, step: int, cells: Any) -> bool:
     """Return whether the robot was answered in the last step, too, and no robot has moved since.
 
@@ -339,7 +342,7 @@ def asks_again(mind: Any, task: Task, k: int, step: int, cells: Any) -> bool:
     return bool(again)
 
 
-@inner
+@jitable
 def way_out(mind: Any, k: int, cell: int, values: Values, move: int) -> int:
     """Return the best move that leads away, if its value is close to that of the best move.
 
@@ -359,7 +362,7 @@ def way_out(mind: Any, k: int, cell: int, values: Values, move: int) -> int:
 # Learning.
 
 
-@inner
+@jitable
 def was_stopped(mind: Any, task: Task, k: int, now: Transition) -> bool:
     """Return whether a peer stopped the robot on its way to a cell that it knows."""
     if not task.blocks or now.next_cell != now.cell or common_of(task, now) != 0.0:
@@ -367,13 +370,13 @@ def was_stopped(mind: Any, task: Task, k: int, now: Transition) -> bool:
     return bool(now.partners > 0 and mind.moved[k, now.cell, now.move] > 0)
 
 
-@inner
+@jitable
 def common_of(task: Task, now: Transition) -> float:
     """Return r^C as it counts in learning."""
     return float(task.weights[1] * now.common)
 
 
-@inner
+@jitable
 def brought_by_peers(mind: Any, task: Task, k: int, now: Transition, y: int) -> float:
     """Return r^C, or the loss from a stop; note the place.
 
@@ -400,7 +403,7 @@ def brought_by_peers(mind: Any, task: Task, k: int, now: Transition, y: int) -> 
     return common
 
 
-@inner
+@jitable
 def came_from(task: Task, k: int, now: Transition, y: int) -> bool:
     """Return whether the robot went into a cell where a partner was."""
     if now.cell == y:
@@ -412,7 +415,7 @@ def came_from(task: Task, k: int, now: Transition, y: int) -> bool:
     return False
 
 
-@inner
+@jitable
 def learn_r_bar(mind: Any, task: Task, k: int, now: Transition, brought: float) -> None:
     """Learn r_bar from a move without a question; `brought` as of `brought_by_peers`."""
     x = now.cell
@@ -424,7 +427,7 @@ def learn_r_bar(mind: Any, task: Task, k: int, now: Transition, brought: float) 
     mind.r_bar[k, x, b] = toward(mind.r_bar[k, x, b], alpha, brought)
 
 
-@inner
+@jitable
 def learn_asking(
     mind: Any, task: Task, k: int, now: Transition, brought: float
 ) -> None:
@@ -448,7 +451,7 @@ def learn_asking(
         mind.r_bar[k, x, b] = toward(mind.r_bar[k, x, b], floor, mind.correction[k, b])
 
 
-@inner
+@jitable
 def learn_percept(
     mind: Any, task: Task, k: int, now: Transition, brought: float
 ) -> None:

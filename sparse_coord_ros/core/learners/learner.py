@@ -4,7 +4,7 @@
 
 A robot node, the log and plain Python call the hooks; `core.runs.loop` makes a loop of them, which
 numba compiles. So they may index (`mind.q_star[k, cell, b]`), compute, and call functions that are
-marked by `compiling.inner`; they make no objects. A user's own learner overrides one or more of
+marked by `compiling.jitable`; they make no objects. A user's own learner overrides one or more of
 them. See examples/own_learner.py and docs/tutorials/own_learner.md.
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
@@ -194,7 +194,7 @@ class Learner:
             if name in HOOKS:
                 function = getattr(value, "__func__", value)
                 _check_hook(cls, name, function)
-                setattr(cls, name, staticmethod(inner(function)))
+                setattr(cls, name, staticmethod(jitable(function)))
             elif (
                 not name.startswith("_")
                 and not hasattr(Learner, name)
@@ -477,4 +477,4 @@ class Learner:
 
 
 for _name in HOOKS:
-    inner(getattr(Learner, _name))
+    jitable(getattr(Learner, _name))

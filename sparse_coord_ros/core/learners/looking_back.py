@@ -8,7 +8,7 @@ question would have brought, not only the move that it made.
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import stops
 from sparse_coord_ros.core.game.sight import is_ruled_out
@@ -29,13 +29,13 @@ STOP = 0.5
 stop each other may stand for ever: by that step alone most teams in a lane do."""
 
 
-@inner
+@jitable
 def loss_of_stop(task: Task) -> float:
     """Return the loss from a stop: a share of the value of an arrival."""
     return STOP * arrival_value(task)
 
 
-@inner
+@jitable
 def note_question(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Note the question of this step, for the next one."""
     mind.last[k, 0] = now.step + 1
@@ -45,7 +45,7 @@ def note_question(mind: Any, task: Task, k: int, now: Transition) -> None:
         mind.last[k, 2 + robot] = int(now.cells[robot]) if known else NOT_PERCEIVED
 
 
-@inner
+@jitable
 def learn_from_two_questions(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Learn the result of each move at the first question, for each row of its percept.
 
@@ -69,16 +69,16 @@ def learn_from_two_questions(mind: Any, task: Task, k: int, now: Transition) -> 
             failed = True
         else:
             key = rho_key(first, peer, peer_cell, task.cells, task.robots)
-            learn_first(mind, task, k, now, first, key, 1 << peer, here)
+            learn_first(mind, task, k, now, first, key, peer, peer + 1, here)
     if failed:
         key = failed_key(first, task.cells, task.robots)
-        learn_first(mind, task, k, now, first, key, ~(1 << k), here)
+        learn_first(mind, task, k, now, first, key, 0, task.robots, here)
 
 
 # The value of the second question.
 
 
-@inner
+@jitable
 def look_ahead(
     mind: Any, task: Task, k: int, now: Transition, first: int, b: int
 ) -> None:
@@ -93,6 +93,7 @@ def look_ahead(
         b: the move.
     """
     mind.there[k, b] = 0.0
+    mind.obstructed[k, b] = 0.0
     for peer in range(task.robots):
         mind.obstruction[k, b, peer] = 0.0
     s = int(mind.successor[k, first, b])
@@ -105,9 +106,10 @@ def look_ahead(
         for peer in range(task.robots):
             value = float(mind.rho.values[k, mind.found[k, peer], best])
             mind.obstruction[k, b, peer] = min(0.0, value)
+            mind.obstructed[k, b] += mind.obstruction[k, b, peer]
 
 
-@inner
+@jitable
 def surplus(mind: Any, task: Task, k: int, cell: int) -> float:
     """Return the value of the percept of `mind.correction` in a cell one step later.
 
@@ -117,7 +119,7 @@ def surplus(mind: Any, task: Task, k: int, cell: int) -> float:
     return float(task.discount * (change - mind.w[k, cell]))
 
 
-@inner
+@jitable
 def best_move(values: Values) -> int:
     """Return the best of the four moves, of equal ones the first."""
     best = 0
@@ -127,7 +129,7 @@ def best_move(values: Values) -> int:
     return best
 
 
-@inner
+@jitable
 def share_of_surplus(mind: Any, task: Task, k: int, first: int, here: float) -> float:
     """Return the gain of waiting at the first question, for each peer in the way.
 
@@ -139,7 +141,7 @@ def share_of_surplus(mind: Any, task: Task, k: int, first: int, here: float) -> 
     return here
 
 
-@inner
+@jitable
 def in_the_way(mind: Any, task: Task, k: int, first: int) -> int:
     """Return the number of peers in the way at the first of two questions."""
     count = 0
@@ -154,32 +156,29 @@ def in_the_way(mind: Any, task: Task, k: int, first: int) -> int:
     return count
 
 
-@inner
-def share_of(mind: Any, task: Task, k: int, peers: int, b: int) -> float:
+@jitable
+def share_of(mind: Any, task: Task, k: int, low: int, high: int, b: int) -> float:
     """Return these peers' share of the obstruction; if no peer is in the way, shares are equal.
 
     Args:
         mind: the team's mind.
         task: its task.
         k: the robot.
-        peers: the sum of 2^j.
+        low: the peers are one, with this number; or all.
+        high: the number after theirs.
         b: the move.
     """
-    count = 0
-    some = 0.0
-    whole = 0.0
-    for j in range(task.robots):
-        whole += mind.obstruction[k, b, j]
-        if (peers >> j) & 1:
-            count += 1
-            some += mind.obstruction[k, b, j]
-    return some / whole if whole < 0.0 else count / (task.robots - 1)
+    if high - low > 1:
+        return 1.0
+    if mind.obstructed[k, b] < 0.0:
+        return float(mind.obstruction[k, b, low] / mind.obstructed[k, b])
+    return 1.0 / (task.robots - 1)
 
 
 # The moves at the first question.
 
 
-@inner
+@jitable
 def learn_first(
     mind: Any,
     task: Task,
@@ -187,7 +186,8 @@ def learn_first(
     now: Transition,
     first: int,
     key: int,
-    peers: int,
+    low: int,
+    high: int,
     here: float,
 ) -> None:
     """Learn the results of the moves at the first question, for one row of rho.
@@ -204,7 +204,8 @@ def learn_first(
         now: the step with the second question.
         first: the cell of the first question.
         key: of the row of the percept there.
-        peers: the peers of the row, the sum of 2^j; all peers for a failed percept.
+        low: the peer of the row; 0 for a failed percept, which has all peers.
+        high: the number after that of the last peer.
         here: the value of the second question in the first cell.
     """
     row = met(mind.rho, task, k, key)
@@ -216,41 +217,48 @@ def learn_first(
             continue
         share = mind.moved[k, first, b] / tried
         s = int(mind.successor[k, first, b])
-        stopped = would_stop(mind, task, k, now, peers, first, s)
+        stopped = would_stop(mind, task, k, now, low, high, first, s)
         brought = (1.0 - share) * waiting
         if stopped:
             brought += share * here
         else:
-            brought += share * mind.there[k, b] * share_of(mind, task, k, peers, b)
+            brought += share * mind.there[k, b] * share_of(mind, task, k, low, high, b)
         if b == mind.last[k, 1]:
             count = int(mind.rho.updates[k, row, b])
             rho[b] += step_of_rho(task, count, now.step) * brought
         elif common_is_known(task, now, first, s, share):
             brought += (1.0 - share) * common_of_staying(
-                mind, task, k, now, peers, first
+                mind, task, k, now, low, high, first
             )
-            going = common_of_going(mind, task, k, now, peers, first, s, stopped)
+            going = common_of_going(mind, task, k, now, low, high, first, s, stopped)
             brought += share * going
             if brought != 0.0 or rho[b] != 0.0:
                 learn_rho(mind, task, k, now, row, b, brought)
 
 
-@inner
+@jitable
 def would_stop(
-    mind: Any, task: Task, k: int, now: Transition, peers: int, first: int, s: int
+    mind: Any,
+    task: Task,
+    k: int,
+    now: Transition,
+    low: int,
+    high: int,
+    first: int,
+    s: int,
 ) -> bool:
     """Return whether a peer would have stopped the robot on its way from first to s."""
     if not task.blocks or now.seen == 0 or not mind.narrow[k, s]:
         return False
-    for j in range(task.robots):
-        if (peers >> j) & 1:
+    for j in range(low, high):
+        if j != k:
             before = mind.last[k, 2 + j]
             if stops(s, first, before, now.cells[j], j < k):
                 return True
     return False
 
 
-@inner
+@jitable
 def common_is_known(
     task: Task, now: Transition, first: int, s: int, share: float
 ) -> bool:
@@ -264,29 +272,30 @@ def common_is_known(
     return is_empty(task, now, first) and (share == 0.0 or is_empty(task, now, s))
 
 
-@inner
+@jitable
 def is_empty(task: Task, now: Transition, cell: int) -> bool:
     """Return whether a failed percept proves that a cell is empty; only with one peer."""
     return task.robots == 2 and is_ruled_out(task.sight, now.cell, cell)
 
 
-@inner
+@jitable
 def common_of_staying(
-    mind: Any, task: Task, k: int, now: Transition, peers: int, first: int
+    mind: Any, task: Task, k: int, now: Transition, low: int, high: int, first: int
 ) -> float:
     """Return the r^C that was once felt in the first cell, if one of the peers is there now."""
-    if is_met(task, now, peers, first):
+    if is_met(k, now, low, high, first):
         return float(mind.door[k, first])
     return 0.0
 
 
-@inner
+@jitable
 def common_of_going(
     mind: Any,
     task: Task,
     k: int,
     now: Transition,
-    peers: int,
+    low: int,
+    high: int,
     first: int,
     s: int,
     stopped: bool,
@@ -294,32 +303,39 @@ def common_of_going(
     """Return the r^C that a move from first to s would have cost, or the loss from a stop."""
     if stopped:
         return -loss_of_stop(task)
-    if is_met(task, now, peers, s):
+    if is_met(k, now, low, high, s):
         return float(mind.door[k, s])
-    if task.swaps and would_exchange(mind, task, k, now, peers, first, s):
+    if task.swaps and would_exchange(mind, task, k, now, low, high, first, s):
         return float(mind.passage[k, s])
     return 0.0
 
 
-@inner
-def is_met(task: Task, now: Transition, peers: int, cell: int) -> bool:
-    """Return whether one of the peers (the sum of 2^j) was perceived in a cell."""
+@jitable
+def is_met(k: int, now: Transition, low: int, high: int, cell: int) -> bool:
+    """Return whether one of the peers was perceived in a cell."""
     if now.seen == 0:
         return False
-    for j in range(task.robots):
-        if (peers >> j) & 1 and now.cells[j] == cell:
+    for j in range(low, high):
+        if j != k and now.cells[j] == cell:
             return True
     return False
 
 
-@inner
+@jitable
 def would_exchange(
-    mind: Any, task: Task, k: int, now: Transition, peers: int, first: int, s: int
+    mind: Any,
+    task: Task,
+    k: int,
+    now: Transition,
+    low: int,
+    high: int,
+    first: int,
+    s: int,
 ) -> bool:
     """Return whether the robot would have exchanged cells with a peer, going from first to s."""
     if now.seen == 0:
         return False
-    for j in range(task.robots):
-        if (peers >> j) & 1 and mind.last[k, 2 + j] == s and now.cells[j] == first:
+    for j in range(low, high):
+        if j != k and mind.last[k, 2 + j] == s and now.cells[j] == first:
             return True
     return False

@@ -10,10 +10,12 @@ In files and logs a robot's part is a `Memory`: arrays by the names of the field
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.files import free_memory
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.table import (
     LearnedRows,
@@ -23,16 +25,13 @@ from sparse_coord_ros.core.learners.table import (
     with_rows,
 )
 
-if TYPE_CHECKING:
-    from sparse_coord_ros.core.learners.learner import Learner
-
 Memory = Mapping[str, np.ndarray]
 """All that a robot remembers, by the names of the fields of its mind. A `Table` `name` is
 `name_keys` (ascending), `name_values` and `name_updates`."""
 
 
 def team_mind(
-    learner: "Learner",
+    learner: Any,
     scenario: Scenario,
     robots: Sequence[int],
     memories: Sequence[Memory] = (),
@@ -56,6 +55,36 @@ def team_mind(
     for k, memory in zip(robots, memories, strict=bool(memories)):
         mind = with_memory(mind, k, memory)
     return mind
+
+
+COPIES = 3
+"""Of a team's mind: it learns in one, plays trials in another one, and saves a third one."""
+
+
+def check_room(learner: Any, scenario: Scenario) -> None:
+    """Raise `SettingError` where a team remembers more than this machine has room for.
+
+    Tables that grow are counted as they begin.
+    """
+    needed = COPIES * len(scenario.robots) * _size(learner.begun(scenario, 0))
+    room = free_memory()
+    if room is not None and needed > room:
+        raise SettingError(
+            f"learner {learner.label}: what {len(scenario.robots)} robots remember on "
+            f"{len(scenario.map.cells)} cells takes {needed / 1e9:.1f} GB, this machine has "
+            f"{room / 1e9:.1f} GB left; use fewer robots, a smaller map, or another learner"
+        )
+
+
+def _size(mind: Any) -> int:
+    """Return the bytes of a mind."""
+    total = 0
+    for value in mind:
+        if isinstance(value, Table):
+            total += _size(value)
+        elif isinstance(value, np.ndarray):
+            total += value.nbytes
+    return total
 
 
 def _team_field(own: Sequence[Any], robots: Sequence[int], team: int) -> Any:
@@ -110,7 +139,7 @@ def copied(mind: Any) -> Any:
     return mind._replace(**fields)
 
 
-def memory_of(learner: "Learner", mind: Any, k: int) -> dict[str, np.ndarray]:
+def memory_of(learner: Any, mind: Any, k: int) -> dict[str, np.ndarray]:
     """Return what robot k remembers; a copy.
 
     Counts and cells are int64, values float64.
@@ -128,7 +157,7 @@ def memory_of(learner: "Learner", mind: Any, k: int) -> dict[str, np.ndarray]:
     return memory
 
 
-def memory_before(learner: "Learner", scenario: Scenario, k: int) -> Memory:
+def memory_before(learner: Any, scenario: Scenario, k: int) -> Memory:
     """Return what robot k remembers before learning."""
     return memory_of(learner, team_mind(learner, scenario, [k]), k)
 

@@ -7,7 +7,7 @@ The model counts how often a move led out of its cell, and keeps the cell where 
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import REPLAY, draw
 from sparse_coord_ros.core.learners.rules import (
@@ -25,7 +25,7 @@ GOLDEN = 0.6180339887498949
 """Golden section: its multiples, modulo 1, spread one draw evenly over the moves to replay."""
 
 
-@inner
+@jitable
 def refresh(mind: Any, task: Task, k: int, cell: int) -> None:
     """Set Q*(cell, .) from the factors."""
     u = mind.u[k, cell]
@@ -37,7 +37,7 @@ def refresh(mind: Any, task: Task, k: int, cell: int) -> None:
     mind.value[k, cell] = cell_value(mind, task, k, cell)
 
 
-@inner
+@jitable
 def cell_value(mind: Any, task: Task, k: int, cell: int) -> float:
     """Return max_b Q*(cell, b); in a larger team at least a share of a lone robot's.
 
@@ -50,13 +50,13 @@ def cell_value(mind: Any, task: Task, k: int, cell: int) -> float:
     return best
 
 
-@inner
+@jitable
 def arrival_value(task: Task) -> float:
     """Return the value of an arrival: its reward, and that of being at the goal."""
     return float(task.weights[0] * task.goal_reward + task.discount * task.goal_value)
 
 
-@inner
+@jitable
 def count_move(mind: Any, task: Task, k: int, now: Transition, y: int) -> None:
     """Count the move of a step, which leads a robot alone to cell y, in the model."""
     x = now.cell
@@ -70,7 +70,7 @@ def count_move(mind: Any, task: Task, k: int, now: Transition, y: int) -> None:
         mind.successor[k, x, b] = y
 
 
-@inner
+@jitable
 def learn_u(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
     """Learn U of the move of a step, by the value of the cell where it leads a robot alone.
 
@@ -86,7 +86,7 @@ def learn_u(mind: Any, task: Task, k: int, now: Transition, after: float) -> Non
     mind.u[k, x, b] = toward(mind.u[k, x, b], alpha, target)
 
 
-@inner
+@jitable
 def replay(mind: Any, task: Task, k: int, step: int) -> None:
     """Set U of moves to their values in the robot's own model (Dyna).
 
@@ -105,14 +105,14 @@ def replay(mind: Any, task: Task, k: int, step: int) -> None:
         refresh(mind, task, k, x)
 
 
-@inner
+@jitable
 def plan_cell(mind: Any, task: Task, k: int, x: int) -> None:
     """Set U of all moves in a cell to their values in the model."""
     for b in range(PRIMITIVES):
         plan_move(mind, task, k, x, b)
 
 
-@inner
+@jitable
 def plan_move(mind: Any, task: Task, k: int, x: int, b: int) -> None:
     """Set U of a move, and its value to a robot alone, by the model."""
     s = int(mind.successor[k, x, b])

@@ -1,8 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a learner is made of: a team's task, a transition, the policies, and QLUpdate.
+"""What a learner is made of: a team's task, a transition, policies, updates, tables, draws.
 
-The functions run in plain Python and in compiled loops, on the same arrays.
+The functions run in plain Python and in compiled loops, on the same arrays. `__all__` names what a
+learner of one's own needs; in Python it is `sparse_coord_ros.rules`.
+
+`COORDINATE` is the action that asks where peers are, 4; the moves are 0 to 3. `FREE` is the first
+column of random draws that no learner of this package uses; see `draw`.
 """
 
 from collections.abc import Sequence
@@ -10,15 +14,27 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import (
     EXPLORE,
     EXPLORED_ACTION,
+    FREE,
     TIE,
     draw,
 )
 from sparse_coord_ros.core.game.sight import Sight
+from sparse_coord_ros.core.learners.table import Table, find, met, table
+
+__all__ = ["Task", "Transition", "COORDINATE"]
+# Policies and draws
+__all__ += ["greatest", "greedy", "epsilon_greedy", "draw", "FREE"]
+# Updates
+__all__ += ["ql_update", "step_size", "scheduled", "toward", "reward_of", "copy_moves"]
+# Joint states and their tables
+__all__ += ["joint_state", "Table", "table", "find", "met"]
+# Functions that compiled loops may call
+__all__ += ["jitable"]
 
 Values: TypeAlias = Sequence[float] | np.ndarray
 """A row of a table: the values of the actions, in their order."""
@@ -113,9 +129,14 @@ class Transition(NamedTuple):
 # Policies.
 
 
-@inner
+@jitable
 def greatest(values: Values, count: int) -> float:
-    """Return the maximum of the first `count` values: max_b Q(y, b)."""
+    """Return the maximum of the first `count` values: max_b Q(y, b).
+
+    Args:
+        values: a row of a table.
+        count: how many actions compete: `task.actions`, or 4 for the moves alone.
+    """
     best = float(values[0])
     for action in range(1, count):
         value = float(values[action])
@@ -124,7 +145,7 @@ def greatest(values: Values, count: int) -> float:
     return best
 
 
-@inner
+@jitable
 def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
     """Return the greedy action pi_g of the first `count`: uniform among exact maxima.
 
@@ -153,7 +174,7 @@ def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
     return 0
 
 
-@inner
+@jitable
 def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4).
 
@@ -169,7 +190,7 @@ def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
     return greedy(values, len(ACTIONS), key, step, TIE)
 
 
-@inner
+@jitable
 def asks_surely(values: Any) -> Any:
     """Return whether a greedy robot asks here, whatever it draws.
 
@@ -189,7 +210,7 @@ def asks_surely(values: Any) -> Any:
     return asks
 
 
-@inner
+@jitable
 def asks_at_times(values: Any) -> Any:
     """Return whether a greedy robot may ask: COORDINATE is at least as good as any move.
 
@@ -204,34 +225,60 @@ def asks_at_times(values: Any) -> Any:
 # Updates.
 
 
-@inner
+@jitable
 def scheduled(values: Any, step: int) -> float:
-    """Return the number of a time step in a schedule; after its end the last one holds."""
+    """Return the number of a time step in a schedule; after its end the last one holds.
+
+    Args:
+        values: a number for each time step: `task.epsilon` or `task.floors`.
+        step: the time step t.
+    """
     return float(values[min(step, len(values) - 1)])
 
 
-@inner
+@jitable
 def step_size(task: Task, count: int, step: int) -> float:
-    """Return alpha of the n-th update of an entry: never less than the floor of the time step."""
+    """Return alpha of the n-th update of an entry: never less than the floor of the time step.
+
+    The setting `step_size` says both (the paper leaves it open).
+
+    Args:
+        task: the task.
+        count: n, from 1.
+        step: the time step t.
+    """
     return max(float(task.step_sizes[count]), scheduled(task.floors, step))
 
 
-@inner
+@jitable
 def toward(value: float, alpha: float, target: float) -> float:
-    """Return a value moved toward a target by a share of the way."""
+    """Return a value moved toward a target by a share of the way: v + alpha (target - v).
+
+    `ql_update` computes (1 - alpha) v + alpha target: the same, but for the last bit.
+
+    Args:
+        value: v.
+        alpha: the share, from 0 to 1.
+        target: the target.
+    """
     return value + alpha * (target - value)
 
 
-@inner
+@jitable
 def reward_of(task: Task, now: Transition) -> float:
-    """Return R_k(t) as it counts in learning."""
+    """Return R_k(t) as it counts in learning: r^I, r^C and the cost of asking, by their weights.
+
+    Args:
+        task: the task; `task.weights` are those of the learner's `weights`.
+        now: the transition.
+    """
     weights = task.weights
     return float(
         weights[0] * now.individual + weights[1] * now.common + weights[2] * now.asking
     )
 
 
-@inner
+@jitable
 def ql_update(
     values: Any,
     updates: Any,
@@ -261,9 +308,14 @@ def ql_update(
     values[b] = (1.0 - alpha) * float(values[b]) + alpha * target
 
 
-@inner
+@jitable
 def copy_moves(source: Values, target: Any) -> None:
-    """Copy the values of the moves."""
+    """Copy the values of the moves.
+
+    Args:
+        source: a row of a table.
+        target: a row [move], changed.
+    """
     for b in range(PRIMITIVES):
         target[b] = source[b]
 
@@ -271,7 +323,7 @@ def copy_moves(source: Values, target: Any) -> None:
 # Joint states.
 
 
-@inner
+@jitable
 def joint_state(task: Task, k: int, cell: int, seen: int, cells: Any) -> int:
     """Return the number of a joint state: its digits are the own cell, then the seen peers'.
 

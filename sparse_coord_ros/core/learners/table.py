@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import inner
+from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 
 FIRST_ROWS = 256
@@ -72,7 +72,7 @@ def places_for(rows: int) -> int:
     return 1 << (2 * rows - 1).bit_length()
 
 
-@inner
+@jitable
 def place_of(rows: Table, k: int, key: int) -> int:
     """Return the place of a key in robot k's index, or the free place where it belongs."""
     mask = rows.index.shape[1] - 1
@@ -84,18 +84,31 @@ def place_of(rows: Table, k: int, key: int) -> int:
     return place
 
 
-@inner
+@jitable
 def find(rows: Table, k: int, key: int) -> int:
-    """Return the row of a key, or the row with which it would begin."""
+    """Return the row of a key; if it was not met, the row with which it would begin.
+
+    Args:
+        rows: the tables of a team.
+        k: the robot.
+        key: the key, such as the number of a joint state.
+    """
     row = int(rows.index[k, place_of(rows, k, key)])
     return row if row != 0 else key // rows.span
 
 
-@inner
+@jitable
 def met(rows: Table, task: Any, k: int, key: int) -> int:
     """Return the row of a key, a new one if it was not met.
 
-    If there may be no room for the rows of another time step, it sets `task.full`.
+    If there may be no room for the rows of another time step, it sets `task.full`; the caller of
+    the loop then gives room.
+
+    Args:
+        rows: the tables of a team, changed.
+        task: the task.
+        k: the robot.
+        key: as of `find`.
     """
     place = place_of(rows, k, key)
     row = int(rows.index[k, place])

@@ -202,7 +202,6 @@ class HistoryRecorder:
 
     Args:
         robots: number of robots, K.
-        members: numbers (from 0) of the robots that are in the world; all where None.
         history: rows to go on from; the first transition added goes into a new episode unless
             `under_way`.
         under_way: whether the last episode of `history` goes on.
@@ -212,11 +211,9 @@ class HistoryRecorder:
         self,
         robots: int,
         *,
-        members: Sequence[int] | None = None,
         history: History | None = None,
         under_way: bool = False,
     ) -> None:
-        self._members = list(range(robots) if members is None else members)
         begun = blank_history(0, robots) if history is None else history
         self._rows = concatenated([begun, blank_history(FIRST_EPISODES, robots)])
         self._used = begun.episodes
@@ -247,8 +244,7 @@ class HistoryRecorder:
         last = self._used - 1
         rows.length[last] += 1
         rows.miscoordinations[last] += outcome.miscoordination
-        for k in self._members:
-            action = actions[k]
+        for k, action in enumerate(actions):
             if action is not None:
                 rows.returns[last, k] += outcome.rewards[k].total
                 rows.asks[last, k] += action.asked
@@ -262,7 +258,7 @@ class HistoryRecorder:
             more = blank_history(self._used, self._rows.robots)
             self._rows = concatenated([self._rows, more])
         self._rows.first_step[self._used] = step
-        self._rows.present[self._used, self._members] = True
+        self._rows.present[self._used] = True
         self._used += 1
 
     def history(self) -> History:

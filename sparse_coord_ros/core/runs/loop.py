@@ -10,7 +10,7 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.base.compiling import inner, jit
+from sparse_coord_ros.base.compiling import jit, jitable
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.core.game.draws import TIE
 from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
@@ -102,7 +102,7 @@ class Record(NamedTuple):
     stays: Any
 
 
-@inner
+@jitable
 def begin(problem: Problem, run: Run, record: Record) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     step = int(run.clock[STEP])
@@ -117,7 +117,7 @@ def begin(problem: Problem, run: Run, record: Record) -> None:
     record.used[0] += 1
 
 
-@inner
+@jitable
 def move_all(problem: Problem, run: Run) -> bool:
     """Move every robot; return whether the step is a miscoordination."""
     step = int(run.clock[STEP])
@@ -129,7 +129,7 @@ def move_all(problem: Problem, run: Run) -> bool:
     return miscoordinates(problem.interactions, run.before, run.cells)
 
 
-@inner
+@jitable
 def everybody_but(k: int, team: int) -> int:
     """Return all robots but one, as the sum of 2^j."""
     return ((1 << team) - 1) & ~(1 << k)

@@ -175,13 +175,13 @@ class Measures:
         if name == "arrived":
             if self.source == TRIALS and self.unit == TRIAL:
                 return f"{int(self.arrived.sum())} of {self.trials}"
-            return percent(mean) + (f" (s.e. {percent(error)})" if error else "")
+            return percent(mean) + (f" ({percent(error)})" if error else "")
         text = f"{mean:.2f}"
         if spread and not math.isnan(self.spread(name)):
             text += f" ± {self.spread(name):.2f}"
         if math.isnan(error):
-            return f"{text} (s.e. -)"
-        return f"{text} (s.e. {error:.2f})" if error else text
+            return f"{text} (-)"
+        return f"{text} ({error:.2f})" if error else text
 
     def cells(
         self, *, optimum: float = math.inf, spread: bool = False
@@ -251,6 +251,9 @@ HEADINGS = {
     "arrived": "all arrive",
 }
 """Column headings of tables."""
+
+ERRORS = "in parentheses: standard errors (s.e.)"
+"""What is said below a table of trials or runs."""
 
 
 def _same(one: Any, other: Any) -> bool:

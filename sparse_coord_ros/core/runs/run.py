@@ -35,7 +35,7 @@ from sparse_coord_ros.core.runs.team import Team, blank_record, run_at
 
 
 class LearningState(NamedTuple):
-    """A learning run between two transitions: each form can continue from it, bit for bit.
+    """A learning run between two transitions: plain or compiled, a run goes on from it.
 
     Attributes:
         positions: the game of each group of robots that learn together.
@@ -74,7 +74,7 @@ class LearningRun:
     """A learning run in progress.
 
     Args:
-        team: scenario, learner and form.
+        team: scenario, learner and loop.
         seed: the run's seed.
         state: the state to continue from; None: the beginning.
 

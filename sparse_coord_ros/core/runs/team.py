@@ -17,6 +17,7 @@ from sparse_coord_ros.core.game.world import FIRST_STEP, Position, before_episod
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import (
     Memory,
+    check_room,
     copied,
     memory_of,
     team_mind,
@@ -90,6 +91,7 @@ class Team:
         stop: np.ndarray | None = None,
     ) -> None:
         learner.check(scenario)
+        check_room(learner, scenario)
         self.scenario = scenario
         self.learner = learner
         self.compiled = compiled

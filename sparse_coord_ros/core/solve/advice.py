@@ -13,8 +13,8 @@ from typing import NamedTuple
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 WILL_PAY = "will pay"
 MAY_PAY = "may pay"
@@ -110,7 +110,7 @@ def loss_of_ignoring(scenario: Scenario) -> float:
     discounted reward from the starts, averaged over the robots.
     """
     alone = independent_bound(scenario)
-    return _positive(alone - shortest_path_reference(scenario).returns, scenario)
+    return _positive(alone - shortest_paths(scenario).mean("returns"), scenario)
 
 
 def _positive(value: float, scenario: Scenario) -> float:

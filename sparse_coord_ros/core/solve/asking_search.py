@@ -26,11 +26,8 @@ from sparse_coord_ros.base.errors import (
 )
 from sparse_coord_ros.base.files import path_argument, read_text, write_whole
 from sparse_coord_ros.base.version import FORMAT, __version__
-from sparse_coord_ros.core.game.actions import (
-    MOVES,
-    PRIMITIVES,
-)
-from sparse_coord_ros.core.game.interactions import interactions_of
+from sparse_coord_ros.core.game.actions import MOVES, OUTCOMES, PRIMITIVES
+from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.perception import check_pairs, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
@@ -43,7 +40,7 @@ from sparse_coord_ros.core.solve.asking_loops import (
     WeightedGame,
     Workspace,
 )
-from sparse_coord_ros.core.solve.optimum import value_alone
+from sparse_coord_ros.core.solve.optimum import joint_outcomes, value_alone
 from sparse_coord_ros.core.solve.shipped import AskingTeam, RobotPolicy, game_digest
 
 WARNING = "a lower bound: the search may have missed a better team"
@@ -59,8 +56,8 @@ PATIENCE = 10
 MOST_SHAKEN = 3
 """Choices that a shake changes at most."""
 
-MOST_STATES = 2**24
-"""Joint states of a search, which takes a hundred bytes for each: those of 4,096 cells, 1.6 GB."""
+MOST_STATES = 2**22
+"""Joint states of a search, which takes 400 bytes for each: those of 2,048 cells, 1.6 GB."""
 
 SAME_VALUE = 1e-5
 """Restarts whose values differ by less ended at the same one."""
@@ -73,6 +70,9 @@ ASKED = (0.0, 0.1, 0.3)
 
 DEVIATIONS = 5
 """Restarts of the search for what one robot alone could gain."""
+
+NO_TRIALS = np.zeros(0, dtype=np.int64)
+"""For `climb`: no choice is changed."""
 
 Progress = Callable[[int, int, float], None]
 """Called with restarts done, restarts to be done, and the best value so far."""
@@ -113,7 +113,7 @@ def find_asking_team(
     values, best = _kept(file, scenario, seed)
     found = None if best is None else policies_of(scenario, best)
     for i in range(len(values), restarts):
-        policy, value = _restart(game, both, [seed, i])
+        policy, value = _restart(scenario, game, both, [seed, i])
         if found is None or value > max(values) + asking_loops.LEAST_GAIN:
             found = policy
         values.append(value)
@@ -156,47 +156,53 @@ def game_of(scenario: Scenario, weights: Sequence[float] = (0.5, 0.5)) -> Weight
     percept = probabilities_between(
         sight_of(scenario.perception, grid), np.arange(cells)
     )
-    paid = [w * p for w, p in zip(weights, scenario.penalties, strict=True)]
     share = np.array(weights)
     robots = scenario.robots
     starts, goals = np.array([(robot.start, robot.goal) for robot in robots]).T
     far = np.array([grid.distances_to(goal) for goal in goals])
-    near = np.argsort((far[0][:, None] + far[1]).ravel(), kind="stable")
+    farthest_first = np.argsort(-(far[0][:, None] + far[1]).ravel(), kind="stable")
     alone = share[:, None] * value_alone(scenario, far)
+    home = int(goals[0] * cells + goals[1])
+    outcomes = joint_outcomes(scenario)
+    before = np.divmod(np.arange(cells**2), cells)
+    after = np.divmod(outcomes.after, cells)
+    paid = np.where(outcomes.miscoordination, share @ scenario.penalties, 0.0)
+    for k, goal in enumerate(goals):
+        arrives = (after[k] == goal) & (before[k] != goal)
+        paid += np.where(arrives, share[k] * scenario.arrival_value, 0.0)
     return WeightedGame(
-        lead=np.column_stack([grid.next_cell, np.arange(cells)]),
-        starts=starts,
+        after=np.ascontiguousarray(np.moveaxis(outcomes.after, -1, 0)),
+        paid=np.ascontiguousarray(np.moveaxis(paid, -1, 0)),
+        start=int(starts[0] * cells + starts[1]),
+        home=home,
         goals=goals,
         percept=percept,
         fails=percept.min(axis=1) < 1.0,
-        interactions=interactions_of(scenario),
-        toll=float(sum(paid)),
-        prize=share * scenario.goal_reward / (1.0 - scenario.discount),
         cost=share * scenario.ask_cost,
         discount=float(scenario.discount),
         success=float(scenario.move_success),
-        above=alone[0][:, None] + alone[1],
-        everything=near[near != goals[0] * cells + goals[1]],
-        step=np.zeros((2, 2), dtype=np.int64),
+        above=(alone[0][:, None] + alone[1]).ravel(),
+        everything=farthest_first[farthest_first != home],
     )
 
 
 def workspace_of(game: WeightedGame) -> Workspace:
     """Return empty memory for the loops in this game."""
-    cells = len(game.lead)
+    states = len(game.after)
     return Workspace(
-        value=np.zeros((cells, cells)),
-        kept=np.zeros((cells, cells)),
-        order=np.zeros(cells * cells, dtype=np.int64),
-        stack=np.zeros(cells * cells, dtype=np.int64),
-        tried=np.zeros(cells * cells, dtype=np.int64),
-        inside=np.zeros(cells * cells, dtype=np.bool_),
-        visited=np.zeros((2, cells), dtype=np.bool_),
+        value=np.zeros(states),
+        kept=np.zeros(states),
+        order=np.zeros(states, dtype=np.int64),
+        reached=np.zeros(states, dtype=np.bool_),
+        inside=np.zeros(states, dtype=np.bool_),
+        visited=np.zeros((2, len(game.fails)), dtype=np.bool_),
+        chances=np.zeros((2, OUTCOMES)),
         nobody=np.zeros(2, dtype=np.bool_),
     )
 
 
 def _restart(
+    scenario: Scenario,
     game: WeightedGame,
     free: np.ndarray,
     seed: list[int],
@@ -205,29 +211,32 @@ def _restart(
     """Climb from a random team, and again after random changes.
 
     Args:
-        game: the game, with weights of rewards.
+        scenario: the problem.
+        game: its game, with weights of rewards.
         free: whether each robot's choices are searched.
         seed: of the draws.
         fixed: the choices of robots that are not searched.
     """
     rng = np.random.default_rng(seed)
-    best = random_policies(game, rng)
+    grid = scenario.map
+    best = random_policies(scenario, rng)
     if fixed is not None:
         for mine, theirs in zip(best, fixed, strict=True):
             mine[~free] = theirs[~free]
-    loops = asking_loops.compiled()
+    climb = asking_loops.compiled()
     space = workspace_of(game)
-    trials = np.arange(2 * len(game.lead) * OPTIONS)
-    top = loops.climb(game, best, free, space, rng.permutation(trials))
+    trials = np.arange(2 * len(grid.cells) * OPTIONS)
+    top = climb(game, best, free, space, rng.permutation(trials))
+    visited = space.visited.copy()
     vain = 0
     while vain < PATIENCE:
         vain += 1
-        loops.visit(game, best, space)
-        policy = _shaken(game, best, space.visited & free[:, None], rng)
-        value = loops.climb(game, policy, free, space, rng.permutation(trials))
+        policy = _shaken(grid, game, best, visited & free[:, None], rng)
+        value = climb(game, policy, free, space, rng.permutation(trials))
         if value > top + asking_loops.LEAST_GAIN:
             best = policy
             top = value
+            visited = space.visited.copy()
             vain = 0
     return best, top
 
@@ -236,15 +245,15 @@ def _copy(team: AskingPolicies) -> AskingPolicies:
     return AskingPolicies(*(array.copy() for array in team))
 
 
-def random_policies(game: WeightedGame, rng: np.random.Generator) -> AskingPolicies:
+def random_policies(scenario: Scenario, rng: np.random.Generator) -> AskingPolicies:
     """Return a team on random routes that asks in random cells."""
-    lead = game.lead[:, :PRIMITIVES]
+    lead = scenario.map.next_cell
     cells = len(lead)
     moves = np.zeros((2, cells), dtype=np.int64)
-    for k, goal in enumerate(game.goals):
+    for k, robot in enumerate(scenario.robots):
         toll = 1.0 + rng.choice(ROUTES) * rng.random(cells)
         far = np.full(cells, np.inf)
-        far[goal] = 0.0
+        far[robot.goal] = 0.0
         for _ in range(cells):
             new = np.minimum(far, (toll + far)[lead].min(axis=1))
             if np.array_equal(new, far):
@@ -252,10 +261,13 @@ def random_policies(game: WeightedGame, rng: np.random.Generator) -> AskingPolic
             far = new
         moves[k] = (toll + far)[lead].argmin(axis=1)
     asks = rng.random((2, cells)) < rng.choice(ASKED, size=(2, 1))
+    for k, robot in enumerate(scenario.robots):
+        asks[k, robot.goal] = False
     return AskingPolicies(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
 
 
 def _shaken(
+    grid: GridMap,
     game: WeightedGame,
     policy: AskingPolicies,
     visited: np.ndarray,
@@ -265,32 +277,30 @@ def _shaken(
     new = _copy(policy)
     near = visited.copy()
     for k in range(2):
-        near[k, game.lead[visited[k]]] = True
+        near[k, grid.next_cell[visited[k]]] = True
     places = np.argwhere(near & visited.max(axis=1, keepdims=True))
     for _ in range(rng.integers(1, MOST_SHAKEN + 1)):
         k, x = places[rng.integers(len(places))]
         new.asks[k, x] = rng.random() < 0.5
         if game.fails[x] or not new.asks[k, x]:
             new.moves[k, x] = rng.integers(PRIMITIVES)
+    new.asks[[0, 1], game.goals] = False
     return new
 
 
 def _texts(
     game: WeightedGame, policy: AskingPolicies
 ) -> tuple[RobotPolicy, RobotPolicy]:
-    """Return the team as texts, with the best moves after every percept.
+    """Return the team as texts, with the best moves after the percepts that it has.
 
     A robot that never gets to a cell does not ask there.
     """
-    loops = asking_loops.compiled()
+    climb = asking_loops.compiled()
     new = _copy(policy)
     space = workspace_of(game)
     both = np.ones(2, dtype=np.bool_)
-    loops.solve(game, new, both, space, -np.inf)
-    loops.visit(game, new, space)
+    climb(game, new, both, space, NO_TRIALS)
     new.asks[:] &= space.visited
-    # Every joint state, also where the team never gets.
-    loops.sweep(game, new, both, space.value, game.everything, -np.inf)
 
     def robot(k: int) -> RobotPolicy:
         asked = {
@@ -323,18 +333,17 @@ def _gain(
     scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int
 ) -> float:
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
-    loops = asking_loops.compiled()
+    climb = asking_loops.compiled()
     alone = np.arange(2) == k
     game = game_of(scenario, alone)
     fixed = policies_of(scenario, robots)
-    now = loops.solve(
-        game, fixed, np.zeros(2, dtype=np.bool_), workspace_of(game), -np.inf
-    )
+    nobody = np.zeros(2, dtype=np.bool_)
+    now = climb(game, fixed, nobody, workspace_of(game), NO_TRIALS)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     own = _copy(fixed)
-    best = loops.climb(game, own, alone, workspace_of(game), trials)
+    best = climb(game, own, alone, workspace_of(game), trials)
     for i in range(DEVIATIONS):
-        best = max(best, _restart(game, alone, [seed, k, i], fixed)[1])
+        best = max(best, _restart(scenario, game, alone, [seed, k, i], fixed)[1])
     return best - now if best > now + asking_loops.LEAST_GAIN else 0.0
 
 

@@ -51,9 +51,8 @@ def _acting(
     game = game_of(scenario)
     space = workspace_of(game)
     cells = len(scenario.map.cells)
-    asking_loops.visit(game, team, space)
+    count = asking_loops.visit(game, team, space)
     seen: list[dict[int, list[int]]] = [{}, {}]
-    count = asking_loops.reach(game, team, space.nobody, space)
     for state in np.sort(space.order[:count]):
         here = (int(state // cells), int(state % cells))
         for k in range(2):

@@ -5,19 +5,22 @@
 The same trials as `core.runs.evaluation.play` plays, without drawing any: greedy policies, ties
 and percepts with their probabilities, the same end. So nothing here has a standard error. Where
 the two differ is only in what a trial's draws cannot show: a draw has 53 bits, a probability here
-is a float, and moments are sums of floats (a spread below about 1e-6 of the mean is rounding). One
-robot is a pair whose other robot has arrived before it begins.
+is a float, and moments are sums of floats (a spread below about 1e-6 of the mean is rounding).
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
-from sparse_coord_ros.core.game.interactions import NOWHERE, interactions_of
+from sparse_coord_ros.core.game.interactions import (
+    interactions_of,
+    miscoordinations,
+    settled,
+)
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probabilities_between
@@ -26,24 +29,19 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import evaluation
 from sparse_coord_ros.core.runs.evaluation import Progress
-from sparse_coord_ros.core.runs.measures import EXACT, TRIAL, Measures
-from sparse_coord_ros.core.solve.exact_loops import (
-    ARRIVED,
-    CONFLICTS,
-    QUANTITIES,
-    Distribution,
-    Pair,
-    Sums,
-    compiled,
-)
+from sparse_coord_ros.core.runs.measures import BY_ROBOT, EXACT, TRIAL, Measures
+from sparse_coord_ros.core.solve.exact_loops import Chain, Moments, compiled
 
 MOST_ROBOTS = 2
 """The joint chain of more robots is too large; they are evaluated by trials."""
 
 MOST_STATES = 2**20
-MOST_OUTCOMES = 50_000_000
-"""Joint states within reach, which take up to a gigabyte, and outcomes of steps that are followed,
-which take up to five seconds: beyond that trials are quicker."""
+MOST_OUTCOMES = 2**22
+"""Joint states within reach, and outcomes of steps from them. They take up to a gigabyte, and some
+seconds: beyond that trials are quicker."""
+
+QUICK = 50_000_000
+"""Outcomes of steps from all joint states, times the horizon: a batch follows as many a run."""
 
 
 def evaluate_exact(
@@ -80,48 +78,50 @@ def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> Measures:
     Raises:
         SettingError: there are more joint states within their reach than it pays for.
     """
-    own = _within_reach(scenario, robots)
-    sums = _carried(_pair(scenario, robots, own), spreads=True, most=MOST_OUTCOMES)
-    if sums is None:
-        raise _does_not_pay(
-            scenario, f"over {MOST_OUTCOMES:,} outcomes of steps", "as many"
-        )
-    found = _measures(scenario, own, sums)
-    team = len(scenario.robots)
-    returns, time_to_goal, asks = sums.squares[:-1].reshape(3, 2)[:, :team]
-    squares = {
-        "returns": returns,
-        "time_to_goal": time_to_goal,
-        "miscoordinations": sums.squares[-1:],
-        "asks": asks,
-        "arrived": found.arrived,
-    }
+    reached = _within_reach(scenario, robots)
+    moments = _moments(scenario, _chain(scenario, robots, reached), reached)
+    visits = moments.visits.reshape([len(own) for own in reached])
+    home = _joint_state(reached, [robot.goal for robot in scenario.robots])
+    last = moments.likely[scenario.horizon % 2].reshape(visits.shape)
+    means, squares = map(_by_name, (moments.mean, moments.square))
+    arrived = np.array([min(1.0, visits[home] + last[home])])
+    means["arrived"] = arrived
+    squares["arrived"] = arrived
     variances = {
-        name: np.array([max(0.0, square.mean() - found.mean(name) ** 2)])
+        name: np.array([max(0.0, square.mean() - means[name].mean() ** 2)])
         for name, square in squares.items()
     }
-    return replace(found, variances=variances)
-
-
-def _measures(scenario: Scenario, own: np.ndarray, sums: Sums) -> Measures:
-    """Return the means of a trial, in which robots do not leave the cells `own`."""
-    team = len(scenario.robots)
-    asked, stays = np.zeros((2, team, len(scenario.map.cells)))
-    asked[:, own] = sums.asked[:team]
-    stays[:, own] = sums.stays[:team]
-    returns, time_to_goal, asks = sums.robots[:, None, :team]
+    stays = _stays(scenario, reached, visits)
     return Measures(
         source=EXACT,
         unit=TRIAL,
         trials=0,
-        returns=returns,
-        time_to_goal=time_to_goal,
-        miscoordinations=sums.team[[CONFLICTS]],
-        asks=asks,
-        arrived=np.minimum(1.0, sums.team[[ARRIVED]]),
-        asked=asked,
+        **means,
+        asked=stays * [robot.asks for robot in robots],
         stays=stays,
+        variances=variances,
     )
+
+
+def _by_name(quantities: np.ndarray) -> dict[str, np.ndarray]:
+    """Return quantities by the names of measures, with one row each."""
+    rows = quantities[:-1].reshape(len(BY_ROBOT), 1, -1)
+    return {
+        **dict(zip(BY_ROBOT, rows, strict=True)),
+        "miscoordinations": quantities[-1:],
+    }
+
+
+def _stays(
+    scenario: Scenario, reached: Sequence[np.ndarray], visits: np.ndarray
+) -> np.ndarray:
+    """Return the expected steps that each robot acts in each cell, shape (robots, cells)."""
+    stays = np.zeros((len(reached), len(scenario.map.cells)))
+    for k, robot in enumerate(scenario.robots):
+        others = tuple(j for j in range(len(reached)) if j != k)
+        stays[k, reached[k]] = visits.sum(axis=others)
+        stays[k, robot.goal] = 0.0
+    return stays
 
 
 def evaluate_best(
@@ -169,24 +169,11 @@ def check_exact(scenario: Scenario) -> None:
         )
 
 
-def exact_means(scenario: Scenario, tables: Sequence[Tables]) -> Measures | None:
-    """Return the means of `evaluate_exact`, without spreads, a hundred times faster; or None.
-
-    There are none for another number of robots than two, and on maps so large that a team without
-    a policy would take longer than trials.
-
-    Args:
-        scenario: the problem.
-        tables: the tables of every robot, which fit it.
-    """
-    cells = len(scenario.map.cells)
-    large = cells**2 * OUTCOMES**2 * scenario.horizon > MOST_OUTCOMES
-    if len(scenario.robots) != MOST_ROBOTS or large:
-        return None
-    every = np.arange(cells)
-    sums = _carried(_pair(scenario, _robots(tables), every), spreads=False)
-    assert sums is not None
-    return _measures(scenario, every, sums)
+def is_quick(scenario: Scenario) -> bool:
+    """Return whether the exact evaluation of every team is quicker than its trials."""
+    team = len(scenario.robots)
+    outcomes: int = (len(scenario.map.cells) * OUTCOMES) ** team
+    return team <= MOST_ROBOTS and outcomes * scenario.horizon <= QUICK
 
 
 def _does_not_pay(scenario: Scenario, what: str, most: str) -> SettingError:
@@ -229,20 +216,20 @@ def _choices(tables: Tables) -> Greedy:
     return Greedy(asks, chosen[:, :PRIMITIVES], blind, tables.q_coord)
 
 
-def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> np.ndarray:
-    """Return the cells that robots can come to, ascending; SettingError where too many."""
+def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> list[np.ndarray]:
+    """Return the cells that each robot can come to, ascending; SettingError where too many."""
     moving = [(one.moves > 0.0) | (one.blind > 0.0) for one in robots]
     reached = [np.empty(0, dtype=np.int64)] * len(robots)
     while True:
         before = reached
         reached = [_closure(scenario, k, moves) for k, moves in enumerate(moving)]
-        own = np.union1d(reached[0], reached[-1])
-        if len(own) ** 2 > MOST_STATES:
+        states = math.prod(map(len, reached))
+        if states > MOST_STATES:
             raise _does_not_pay(
-                scenario, f"{len(own) ** 2:,} joint states", f"{MOST_STATES:,}"
+                scenario, f"{states:,} joint states", f"{MOST_STATES:,}"
             )
         if all(map(np.array_equal, before, reached)):
-            return own
+            return reached
         for k, one in enumerate(robots if len(robots) > 1 else ()):
             where = reached[k][one.asks[reached[k]] > 0.0]
             seen = _greedy(_rows(one.coord, where, reached[1 - k]))
@@ -264,96 +251,160 @@ def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
     return np.array(sorted(found))
 
 
-def _pair(scenario: Scenario, robots: Sequence[Greedy], own: np.ndarray) -> Pair:
-    """Return the two robots on the cells `own`, ascending, which they do not leave."""
-    cells = len(own)
-    alone = len(robots) == 1
-    percepts = probabilities_between(sight_of(scenario.perception, scenario.map), own)
-    if alone:  # it has no peer to ask: its percepts fail
-        percepts = np.zeros_like(percepts)
-    asking = np.array([one.asks[own] for one in robots])
-    moves = np.array([_moves(one, own, percepts) for one in robots])
-    starts = np.searchsorted(own, [robot.start for robot in scenario.robots])
-    goals = np.searchsorted(own, [robot.goal for robot in scenario.robots])
-    inter = interactions_of(scenario)
-    interactions = inter._replace(
-        places=inter.places[own], passages=inter.passages[own], narrow=inter.narrow[own]
-    )
-    penalties = scenario.penalties
-    if alone:
-        starts = np.append(starts, goals)
-        goals = np.tile(goals, 2)
-        penalties = (*penalties, 0.0)
-        asking = np.repeat(asking, 2, axis=0)
-        moves = np.repeat(moves, 2, axis=0)
-        interactions = interactions._replace(
-            places=np.full(cells, NOWHERE), swaps=False, blocks=False
-        )
-    # No robot makes a move that leads out of the cells.
-    lead = np.minimum(np.searchsorted(own, scenario.map.next_cell[own]), cells - 1)
-    either = moves.sum(axis=1)
-    asked = np.empty((2, cells, cells, OUTCOMES))
-    asked[..., :STAY] = moves[:, 1] / np.where(either > 0.0, either, 1.0)
-    asked[..., STAY] = asking[:, :, None]
-    return Pair(
-        lead=np.column_stack([lead, np.arange(cells)]),
-        starts=starts,
-        goals=goals,
-        moves=either,
-        asks=asking,
-        asked=asked,
-        interactions=interactions,
-        penalties=np.array(penalties),
-        arrival_value=scenario.arrival_value,
-        cost=float(scenario.ask_cost),
-        discount=float(scenario.discount),
-        success=float(scenario.move_success),
-        horizon=scenario.horizon,
-    )
+def _joint_state(reached: Sequence[np.ndarray], cells: Any) -> tuple[Any, ...]:
+    """Return where the robots' cells stand among those that each can come to."""
+    return tuple(map(np.searchsorted, reached, cells))
 
 
-def _carried(pair: Pair, *, spreads: bool, most: float = np.inf) -> Sums | None:
-    """Return the sums of a trial, with squares only if `spreads`.
+def _chain(
+    scenario: Scenario, robots: Sequence[Greedy], reached: Sequence[np.ndarray]
+) -> Chain:
+    """Return the Markov chain of robots that can come to the cells `reached`.
 
-    None: steps have more than `most` outcomes in all.
+    Raises:
+        SettingError: steps have too many outcomes.
     """
-    cells = len(pair.lead)
-    now, later = (
-        Distribution(
-            likely=np.zeros(cells**2),
-            states=np.zeros(cells**2, dtype=np.int64),
-            size=np.zeros(1, dtype=np.int64),
-        )
-        for _ in range(2)
+    team = len(robots)
+    shape = [len(own) for own in reached]
+    size = math.prod(shape)
+    found = [_outcomes(scenario, k, robot, reached) for k, robot in enumerate(robots)]
+    chances, asking = zip(*found, strict=True)
+    if team == 1:
+        joint = chances[0][:, 0]
+    else:
+        joint = chances[0][..., None] * chances[1].swapaxes(0, 1)[:, :, None]
+    home = _joint_state(reached, [robot.goal for robot in scenario.robots])
+    joint[home] = 0.0  # a trial is over
+    count = np.count_nonzero(joint)
+    if count > MOST_OUTCOMES:
+        what = f"{count:,} outcomes of steps"
+        raise _does_not_pay(scenario, what, f"{MOST_OUTCOMES:,}")
+    where = np.nonzero(joint)
+    states = where[:team]
+    outcomes = where[team:]
+    before = np.stack([reached[k][states[k]] for k in range(team)])
+    asks = np.stack(
+        [
+            asking[k][states[k], states[1 - k] if team > 1 else 0, outcomes[k]]
+            for k in range(team)
+        ]
     )
-    sums = Sums(
-        robots=np.zeros((3, 2)),
-        team=np.zeros(2),
-        squares=np.zeros(QUANTITIES),
-        asked=np.zeros((2, cells)),
-        stays=np.zeros((2, cells)),
-        brought=np.zeros((2, QUANTITIES)),
-        so_far=np.zeros((2, cells**2 if spreads else 0, QUANTITIES)),
-        step=np.zeros((2, 2), dtype=np.int64),
+    stay = np.arange(len(scenario.map.cells))
+    lead = np.column_stack([scenario.map.next_cell, stay])
+    after = settled(interactions_of(scenario), before, lead[before, outcomes])
+    change, square = _changes(scenario, before, after, asks)
+    number = np.ravel_multi_index(states, shape)
+    probability = joint[where]
+
+    def mean_by_state(values: np.ndarray) -> np.ndarray:
+        """Return the mean over the outcomes of each joint state, shape (states, quantities)."""
+        rows = [np.bincount(number, probability * row, size) for row in values]
+        return np.column_stack(rows)
+
+    discounts = np.ones(len(change))
+    discounts[:team] = scenario.discount
+    return Chain(
+        first=np.searchsorted(number, np.arange(size + 1)),
+        probability=probability,
+        after=np.asarray(np.ravel_multi_index(_joint_state(reached, after), shape)),
+        change=np.ascontiguousarray(change.T),
+        mean=mean_by_state(change),
+        square=mean_by_state(square),
+        discounts=discounts,
     )
-    return sums if compiled()(pair, now, later, sums, most) else None
 
 
-def _moves(robot: Greedy, own: np.ndarray, percepts: np.ndarray) -> np.ndarray:
-    """Return the probability of each move of a robot, (2, own cell, peer's cell, moves).
+def _changes(
+    scenario: Scenario, before: np.ndarray, after: np.ndarray, asks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and mean square of the changes of the quantities in steps.
 
-    Without asking, and together with asking; the sum over both and the moves is 1.
+    The quantities: `BY_ROBOT`, each of all robots, and miscoordinations.
+
+    Args:
+        scenario: the problem.
+        before: the cell of each robot before each step, shape (robots, steps).
+        after: the cell in which it ended, same shape.
+        asks: the probability that it asked, same shape.
+
+    Returns:
+        Two arrays of shape (quantities, steps).
     """
-    both = np.zeros((2, len(own), len(own), PRIMITIVES))
-    both[0] = robot.moves[own, None, :]
+    goals = np.array([[robot.goal] for robot in scenario.robots])
+    acts = before != goals
+    arrives = acts & (after == goals)
+    meets = miscoordinations(interactions_of(scenario), before, after)[None]
+    paid = meets * np.array(scenario.penalties)[:, None]
+    paid += arrives * scenario.arrival_value
+    with_cost = paid - scenario.ask_cost
+    mean = asks * with_cost + (1.0 - asks) * paid
+    square = asks * with_cost**2 + (1.0 - asks) * paid**2
+    others = (acts, asks, meets)  # of a change by 0 or 1 the square is the same
+    return np.concatenate([mean, *others]), np.concatenate([square, *others])
+
+
+def _moments(
+    scenario: Scenario, chain: Chain, reached: Sequence[np.ndarray]
+) -> Moments:
+    """Return the moments of a trial."""
+    states = len(chain.first) - 1
+    quantities = len(chain.discounts)
+    moments = Moments(
+        mean=np.zeros(quantities),
+        square=np.zeros(quantities),
+        visits=np.zeros(states),
+        likely=np.zeros((2, states)),
+        so_far=np.zeros((2, states, quantities)),
+        factors=np.ones(quantities),
+    )
+    start = _joint_state(reached, [robot.start for robot in scenario.robots])
+    shape = [len(own) for own in reached]
+    moments.likely[0, np.ravel_multi_index(start, shape)] = 1.0
+    compiled()(chain, moments, scenario.horizon)
+    return moments
+
+
+def _outcomes(
+    scenario: Scenario, k: int, robot: Greedy, reached: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the probability of each outcome of robot k's step, and of having asked then.
+
+    An outcome is the move that succeeds, or `STAY`. Shapes (own cells, peer's cells, outcomes); a
+    robot without a peer has one cell of the peer.
+    """
+    own = reached[k]
+    peers = reached[1 - k] if len(reached) > 1 else own[:1]
+    after_asking = np.zeros((len(own), len(peers), PRIMITIVES))
     where = np.flatnonzero(robot.asks[own])
     if len(where):
         there = own[where]
-        seen = percepts[where, :, None]
-        after = seen * _greedy(_rows(robot.coord, there, own))
-        after += (1.0 - seen) * robot.blind[there, None, :]
-        both[1, where] = robot.asks[there, None, None] * after
-    return both
+        moves = robot.blind[there, None]
+        if len(reached) > 1:
+            sees = _percepts(scenario, there, peers)[..., None]
+            seen = _greedy(_rows(robot.coord, there, peers))
+            moves = sees * seen + (1.0 - sees) * moves
+        after_asking[where] = robot.asks[there, None, None] * moves
+    either = robot.moves[own, None] + after_asking
+    chances = np.empty((*either.shape[:2], OUTCOMES))
+    chances[..., :STAY] = scenario.move_success * either
+    chances[..., STAY] = 1.0 - scenario.move_success
+    asks = np.empty(chances.shape)
+    asks[..., :STAY] = after_asking / np.where(either > 0.0, either, 1.0)
+    asks[..., STAY] = robot.asks[own, None]
+    home = own == scenario.robots[k].goal
+    chances[home] = np.arange(OUTCOMES) == STAY
+    asks[home] = 0.0
+    return chances, asks
+
+
+def _percepts(scenario: Scenario, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
+    """Return the probabilities that percepts succeed, shape (own cells, peer's cells)."""
+    cells = np.union1d(own, peers)
+    between = probabilities_between(sight_of(scenario.perception, scenario.map), cells)
+    found: np.ndarray = between[
+        np.ix_(np.searchsorted(cells, own), np.searchsorted(cells, peers))
+    ]
+    return found
 
 
 def _rows(q_coord: Any, own: np.ndarray, peers: np.ndarray) -> np.ndarray:

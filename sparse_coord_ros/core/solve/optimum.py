@@ -132,17 +132,17 @@ def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) ->
 
 
 class JointOutcomes(NamedTuple):
-    """The cells in which robots end, by the cells that they want, from every joint state.
+    """The joint states in which steps end, from every joint state.
 
     A robot's outcome is the move that succeeds, or `STAY`; an outcome of all is one of each.
 
     Attributes:
         after: number of the joint state in which the step ends; (outcomes,) * robots + (states,).
-        paid: average reward of the step, with the goals paid a step; same shape.
+        miscoordination: whether the step is one; same shape.
     """
 
     after: np.ndarray
-    paid: np.ndarray
+    miscoordination: np.ndarray
 
 
 def joint_outcomes(scenario: Scenario) -> JointOutcomes:
@@ -154,23 +154,23 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
     before = np.indices(shape).reshape(team, -1)
     own = np.arange(cells)[None]
     ways = [np.concatenate([successors(scenario, k), own]) for k in range(team)]
-    goals = _paid_at_goals(scenario).ravel()
-    toll = sum(scenario.penalties) / team
     after = np.empty((OUTCOMES,) * team + (cells**team,), dtype=np.int32)
-    paid = np.empty(after.shape)
+    miscoordination = np.empty(after.shape, dtype=bool)
     for chosen in product(range(OUTCOMES), repeat=team):
         wanted = np.stack([ways[k][chosen[k], before[k]] for k in range(team)])
         ends = settled(inter, before, wanted)
-        conflict = miscoordinations(inter, before, ends)
         after[chosen] = np.ravel_multi_index(tuple(ends), shape)
-        paid[chosen] = goals[after[chosen]] + np.where(conflict, toll, 0.0)
-    return JointOutcomes(after, paid)
+        miscoordination[chosen] = miscoordinations(inter, before, ends)
+    return JointOutcomes(after, miscoordination)
 
 
 def _solve_by_outcomes(scenario: Scenario, outcomes: JointOutcomes) -> float:
     """Return the optimum by value iteration over all outcomes."""
-    after, paid = outcomes
+    after = outcomes.after
     team = len(scenario.robots)
+    toll = sum(scenario.penalties) / team
+    paid = _paid_at_goals(scenario).ravel()[after]
+    paid += np.where(outcomes.miscoordination, toll, 0.0)
     start = _joint_state(scenario, [robot.start for robot in scenario.robots])
     goal = _joint_state(scenario, [robot.goal for robot in scenario.robots])
     p = scenario.move_success

@@ -178,6 +178,9 @@ def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
     return {data["game"]: data for data in shipped_json(file).get(key, {}).values()}
 
 
+LEARNED_TEAM = "best learned team"
+"""What a shipped `BestTeam` is; its value is one of trials."""
+
 BOUND = "bound (robots alone)"
 """What the joint optimum is where it is not exact."""
 
@@ -190,7 +193,7 @@ def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
         last = "exact joint optimum"
     known = {
         "best asking team found": shipped_asking_team(scenario),
-        "best learned team": shipped_best_team(scenario),
+        LEARNED_TEAM: shipped_best_team(scenario),
         last: optimum,
     }
     return [(name, one.value) for name, one in known.items() if one is not None]

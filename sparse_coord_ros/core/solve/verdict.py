@@ -10,11 +10,11 @@ from sparse_coord_ros.core.game.percepts import percepts_can_succeed
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
-from sparse_coord_ros.core.runs.measures import Measures, fails
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
 from sparse_coord_ros.core.solve.optimum import independent_bound
-from sparse_coord_ros.core.solve.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import yardsticks
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 SLIGHT = 0.005
 """A loss is slight up to this share of what a robot alone in the world earns."""
@@ -71,28 +71,29 @@ def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
             f"In {percent(missed)} of the episodes some robot did not arrive. Try {cure}.",
         )
     alone = independent_bound(scenario)
-    ignoring = shortest_path_reference(scenario)
+    ignoring = shortest_paths(scenario)
     earned = found.mean("returns")
+    without = ignoring.mean("returns")
     slight = SLIGHT * alone
     expected = advice(scenario)
     remedy = _remedy(scenario, learner)
-    error = math.hypot(found.error("returns"), ignoring.returns_error)
-    if ignoring.returns - earned > slight + LOSS_ERRORS * error:
+    error = math.hypot(found.error("returns"), ignoring.error("returns"))
+    if without - earned > slight + LOSS_ERRORS * error:
         return Verdict(
             WORSE,
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
-            f"on shortest paths without asking {ignoring.returns:.2f}. {remedy}",
+            f"on shortest paths without asking {without:.2f}. {remedy}",
         )
     [(name, best), *_] = yardsticks(scenario)
-    gap = best - ignoring.returns
+    gap = best - without
     if gap <= slight:
         return Verdict(
             NEEDLESS,
             f"Coordination is not needed here: robots that ignore each other earn "
-            f"{ignoring.returns:.2f} each, the {name} {best:.2f}. A robot of this team earns "
+            f"{without:.2f} each, the {name} {best:.2f}. A robot of this team earns "
             f"{earned:.2f}. {expected.text}",
         )
-    own = f"a robot earns {earned:.2f}, robots that ignore each other {ignoring.returns:.2f}"
+    own = f"a robot earns {earned:.2f}, robots that ignore each other {without:.2f}"
     if not percepts_can_succeed(scenario):
         return Verdict(IN_VAIN, f"{remedy} In this team {own}.")
     asks = found.mean("asks")
@@ -107,7 +108,7 @@ def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
             f"The team does not coordinate by asking: {why}. In this team {own}, "
             f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
         )
-    gain = earned - ignoring.returns
+    gain = earned - without
     closed = percent(gain / gap, whole=True)
     said = (
         f"{own}. This closes {closed} of the gap to the {name} ({best:.2f}; loss "
@@ -120,17 +121,17 @@ def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
     return Verdict(FAILING, text)
 
 
-def _compared(scenario: Scenario, found: Measures, ignoring: Reference) -> str:
+def _compared(scenario: Scenario, found: Measures, ignoring: Measures) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
     With block alone there are no miscoordinations; robots in each other's way lose time.
     """
     taken = found.mean("time_to_goal")
-    steps = f"{taken:.3g} instead of {ignoring.time_to_goal:.3g}"
+    steps = f"{taken:.3g} instead of {ignoring.mean('time_to_goal'):.3g}"
     if scenario.interactions.startswith("block"):
         arrive = ""
-        if fails(ignoring.all_arrived):
-            share = percent(ignoring.all_arrived)
+        if ignoring.failed:
+            share = percent(ignoring.mean("arrived"))
             arrive = (
                 f" Robots that ignore each other all arrive in {share} of the trials."
             )
@@ -138,7 +139,7 @@ def _compared(scenario: Scenario, found: Measures, ignoring: Reference) -> str:
     counted = found.mean("miscoordinations")
     return (
         f"Miscoordinations per episode: {counted:.2g} instead of "
-        f"{ignoring.miscoordinations:.2g}."
+        f"{ignoring.mean('miscoordinations'):.2g}."
     )
 
 

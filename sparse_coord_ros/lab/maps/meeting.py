@@ -15,7 +15,7 @@ from sparse_coord_ros.core.solve.advice import (
     in_questions,
     loss_of_ignoring,
 )
-from sparse_coord_ros.core.solve.reference import expected_meetings
+from sparse_coord_ros.core.solve.shortest_paths import expected_meetings
 from sparse_coord_ros.lab.maps.plan import Place, centre_of
 
 

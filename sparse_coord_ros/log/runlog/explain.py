@@ -240,8 +240,13 @@ def has_left(
     There is no other reason for a move that is not greedy: after an answer a robot that learns by
     `factored` does not explore.
     """
-    answered = perceived is not None
-    return answered and isinstance(run.known_rule, Factored) and move != greedy_move
+    return perceived is not None and _moves_as_factored(run) and move != greedy_move
+
+
+def _moves_as_factored(run: RunConfig) -> bool:
+    """Return whether robots that ask move as those of `factored` do."""
+    rule = run.known_rule
+    return rule is not None and rule.move_after_asking is Factored.move_after_asking
 
 
 def may_have_left(
@@ -260,12 +265,10 @@ def may_have_left(
         answered: whether it got an answer, in both.
         move: the primitive action.
     """
-    before, now = cells
-    stood = None not in now and all(
-        was == at for was, at in zip(before, now, strict=True)
-    )
-    if not isinstance(run.known_rule, Factored) or not leaves_stand_offs(run.scenario):
+    if not _moves_as_factored(run) or not leaves_stand_offs(run.scenario):
         return False
+    before, now = cells
+    stood = None not in now and list(before) == list(now)
     if not all(answered) or not stood:
         return False
     cell = now[robot]

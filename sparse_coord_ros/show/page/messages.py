@@ -22,8 +22,8 @@ from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
 from sparse_coord_ros.core.solve.shipped import known_optimum, yardsticks
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.core.solve.verdict import last_word
 from sparse_coord_ros.lab.maps.image import under
 from sparse_coord_ros.log.runlog import explain
@@ -284,7 +284,7 @@ def _ignoring(scenario: Scenario) -> float | None:
     """Return what a robot earns if robots ignore each other; None for teams that need trials."""
     if len(scenario.robots) > MOST_ROBOTS:
         return None
-    return shortest_path_reference(scenario).returns
+    return shortest_paths(scenario).mean("returns")
 
 
 def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:

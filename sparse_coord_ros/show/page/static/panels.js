@@ -104,7 +104,7 @@ export function evaluationPanel(run, e) {
     return one;
   });
   $("evaluation").replaceChildren(
-    row("th", ["measure", `${e.learner}, ${e.cells.source}`]),
+    row("th", ["measure", `${e.learner}, ${e.cells.source}${e.source === "trials" ? " (standard errors)" : ""}`]),
     row("td", ["discounted return of a robot", e.cells.return]),
     ...known,
     row("td", ["time to goal", e.cells["time to goal"]]),

@@ -10,14 +10,11 @@ and a larger team by trials.
 """
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
@@ -28,84 +25,28 @@ from sparse_coord_ros.core.game.interactions import (
     settled,
 )
 from sparse_coord_ros.core.game.scenario import Robot, Scenario, ScenarioLike, loaded
-from sparse_coord_ros.core.runs.measures import HEADINGS, MEASURES
+from sparse_coord_ros.core.runs.measures import EXACT, TRIAL, TRIALS, Measures
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, Greedy, evaluate_greedy
-from sparse_coord_ros.core.solve.optimum import independent_bound
+from sparse_coord_ros.core.solve.optimum import value_alone
 
 NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
-TRIALS = 10_000
+PLAYED = 10_000
 """Trials of a team that swaps or blocks and is too large for the joint chain; all draws are
 those of one seed."""
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Expected measures of a team on fixed shortest paths from the scenario's starts.
-
-    Attributes:
-        returns: total discounted reward, averaged over the robots: the goal paid from arrival on
-            for ever, and a penalty for each miscoordination until all have arrived. Unlike trials,
-            it knows no horizon; but with swap or block it does.
-        time_to_goal: steps until arrival, averaged over the robots; without horizon too. With
-            swap or block: the horizon for a robot that does not arrive.
-        miscoordinations: steps of a trial that end in a miscoordination, within the horizon.
-        all_arrived: probability that all robots arrive within the horizon.
-        trials: how many trials it is the mean of; 0: it is exact.
-        returns_error: standard error of the return; 0 where it is exact.
-        time_to_goal_error: likewise.
-        miscoordinations_error: likewise.
-    """
-
-    returns: float
-    time_to_goal: float
-    miscoordinations: float
-    all_arrived: float = 1.0
-    trials: int = 0
-    returns_error: float = 0.0
-    time_to_goal_error: float = 0.0
-    miscoordinations_error: float = 0.0
-
-    @property
-    def exact(self) -> bool:
-        """True if it is exact: no trials were played."""
-        return self.trials == 0
-
-    def measure_in_words(self, name: str) -> str:
-        """Return a measure by its name, with its standard error if it is of trials."""
-        value = f"{getattr(self, name):.2f}"
-        if self.exact:
-            return value
-        return f"{value} ({getattr(self, f'{name}_error'):.2f})"
-
-    def cells(self) -> dict[str, str]:
-        """Return the cells of a table's row, as `Measures.cells`."""
-        cells = {HEADINGS[name]: "0.00" for name in MEASURES}
-        for name in ("returns", "time_to_goal", "miscoordinations"):
-            cells[HEADINGS[name]] = self.measure_in_words(name)
-        cells[HEADINGS["arrived"]] = percent(self.all_arrived)
-        return cells | {"source": "exact" if self.exact else f"{self.trials} trials"}
-
-    def in_words(self) -> str:
-        """Return return and miscoordinations, with their errors, and the failures."""
-        returns = self.measure_in_words("returns")
-        missed = self.measure_in_words("miscoordinations")
-        text = f"{returns}, {missed} miscoordinations"
-        arrive = percent(self.all_arrived)
-        if arrive != percent(1.0):
-            text += f", all arrive in {arrive}"
-        return text
-
-
-def shortest_path_reference(scenario: ScenarioLike) -> Reference:
-    """Return the value of fixed shortest paths, with no coordination (paper, Section 4).
+def shortest_paths(scenario: ScenarioLike) -> Measures:
+    """Return the measures of fixed shortest paths, with no coordination (paper, Section 4).
 
     It is what Indiv. tends to. Of equally short ways each move is equally likely at every cell, as
-    greedy agents choose between equal values. `returns` (total discounted) and `time_to_goal`
-    (steps) are means over the robots, `miscoordinations` is that of a trial. It is exact
-    (`exact`), but for more than two robots that swap or block it is the mean of 10,000 trials,
-    with standard errors.
+    greedy agents choose between equal values. They are exact, but for more than two robots that
+    swap or block they are those of 10,000 trials.
+
+    Robots that can only be together are independent: their returns and times to the goal know no
+    horizon, unlike those of trials, and spreads are not known. Miscoordinations and arrivals are
+    those within the horizon.
 
     Args:
         scenario: the problem.
@@ -122,37 +63,32 @@ def shortest_path_reference(scenario: ScenarioLike) -> Reference:
         return _played(scenario, moves)
 
 
-def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return the value of one or two robots, by their joint chain."""
+def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Measures:
+    """Return the measures of one or two robots, by their joint chain."""
     cells = len(scenario.map.cells)
     never = np.zeros(cells)
     blind = np.zeros((cells, PRIMITIVES))
     robots = [
         Greedy(never, _equal_shares(own, 1.0), blind, coord=None) for own in moves
     ]
-    found = evaluate_greedy(scenario, robots)
-    return Reference(
-        returns=found.mean("returns"),
-        time_to_goal=found.mean("time_to_goal"),
-        miscoordinations=found.mean("miscoordinations"),
-        all_arrived=found.mean("arrived"),
-    )
+    return evaluate_greedy(scenario, robots)
 
 
-def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return the value of a team by trials, all played at once."""
+def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Measures:
+    """Return the measures of a team by trials, all played at once."""
     rng = np.random.default_rng(0)
     robots = scenario.robots
     team = len(robots)
     inter = interactions_of(scenario)
     lead = scenario.map.next_cell
     goals = np.array([robot.goal for robot in robots])[:, None]
-    cells = np.tile([[robot.start] for robot in robots], (1, TRIALS))
+    cells = np.tile([[robot.start] for robot in robots], (1, PLAYED))
     chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
-    toll = float(np.mean(scenario.penalties))
-    returns = np.zeros(TRIALS)
-    times = np.zeros(TRIALS)
-    conflicts = np.zeros(TRIALS)
+    tolls = np.array(scenario.penalties)[:, None]
+    returns = np.zeros((team, PLAYED))
+    times = np.zeros((team, PLAYED))
+    conflicts = np.zeros(PLAYED)
+    stays = np.zeros((team, len(lead)))
     for t in range(scenario.horizon):
         under_way = cells != goals
         running = under_way.any(axis=0)
@@ -160,58 +96,68 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
             break
         wanted = cells.copy()
         for k in range(team):
-            draws = rng.random((2, TRIALS))
+            draws = rng.random((2, PLAYED))
             passed = draws[0] >= chances[k][cells[k]].T
             move = np.minimum(passed.sum(axis=0), PRIMITIVES - 1)
             moves_on = under_way[k] & (draws[1] < scenario.move_success)
             wanted[k] = np.where(moves_on, lead[cells[k], move], cells[k])
+            stays[k] += np.bincount(cells[k][under_way[k]], minlength=len(lead))
         ends = settled(inter, cells, wanted)
         conflict = running & miscoordinations(inter, cells, ends)
-        arrivals = (under_way & (ends == goals)).sum(axis=0)
-        returns += scenario.discount**t * (
-            conflict * toll + arrivals * scenario.arrival_value / team
-        )
-        times += under_way.mean(axis=0)
+        arrives = under_way & (ends == goals)
+        paid = conflict * tolls + arrives * scenario.arrival_value
+        returns += scenario.discount**t * paid
+        times += under_way
         conflicts += conflict
         cells = ends
-    measures = [returns, times, conflicts]
-    errors = [float(own.std(ddof=1)) / math.sqrt(TRIALS) for own in measures]
-    return Reference(
-        returns=float(returns.mean()),
-        time_to_goal=float(times.mean()),
-        miscoordinations=float(conflicts.mean()),
-        all_arrived=float((cells == goals).all(axis=0).mean()),
-        trials=TRIALS,
-        returns_error=errors[0],
-        time_to_goal_error=errors[1],
-        miscoordinations_error=errors[2],
+    return Measures(
+        source=TRIALS,
+        unit=TRIAL,
+        trials=PLAYED,
+        returns=returns.T,
+        time_to_goal=times.T,
+        miscoordinations=conflicts,
+        asks=np.zeros((PLAYED, team)),
+        arrived=(cells == goals).all(axis=0),
+        asked=np.zeros(stays.shape),
+        stays=stays / PLAYED,
     )
 
 
-def _independent(scenario: Scenario, moves: Sequence[np.ndarray]) -> Reference:
-    """Return the value of robots whose only interaction is to be together."""
-    conflict, all_arrived = _miscoordination_probability(scenario, moves)
+def _independent(scenario: Scenario, moves: Sequence[np.ndarray]) -> Measures:
+    """Return the measures of robots whose only interaction is to be together."""
+    conflict, arrived, stays = _met(scenario, moves)
     discounted = conflict @ scenario.discount ** np.arange(len(conflict))
-    distances = [
-        scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots
-    ]
-    return Reference(
-        returns=independent_bound(scenario)
-        + float(np.mean(scenario.penalties) * discounted),
-        time_to_goal=float(np.mean(distances)) / scenario.move_success,
-        miscoordinations=float(conflict[: scenario.horizon].sum()),
-        all_arrived=all_arrived,
+    far = np.array(
+        [
+            scenario.map.distances_to(robot.goal)[robot.start]
+            for robot in scenario.robots
+        ]
+    )
+    returns = value_alone(scenario, far) + np.array(scenario.penalties) * discounted
+    return Measures(
+        source=EXACT,
+        unit=TRIAL,
+        trials=0,
+        returns=returns[None],
+        time_to_goal=far[None] / scenario.move_success,
+        miscoordinations=conflict[None, : scenario.horizon].sum(axis=1),
+        asks=np.zeros((1, len(far))),
+        arrived=np.array([arrived]),
+        asked=np.zeros(stays.shape),
+        stays=stays,
     )
 
 
-def _miscoordination_probability(
+def _met(
     scenario: Scenario, moves: Sequence[np.ndarray]
-) -> tuple[np.ndarray, float]:
-    """Return probabilities of robots that can only be together.
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Return how robots meet that can only be together.
 
     Returns:
-        That step 1, 2, ... is made and ends in a miscoordination, shape (steps,); and that all
-        arrive within the horizon.
+        The probability that step 1, 2, ... is made and ends in a miscoordination, shape (steps,);
+        the probability that all arrive within the horizon; and the expected steps of each robot in
+        each cell, within the horizon, shape (robots, cells).
     """
     robots = scenario.robots
     inter = interactions_of(scenario)
@@ -227,10 +173,13 @@ def _miscoordination_probability(
     all_arrived: list[float] = []
     moving = np.ones(place.shape, dtype=bool)
     moving[numbers, goals] = False
+    stays = np.zeros(place.shape)
     while True:
         steps = len(in_doorway)
         rest = float(place[moving].sum())
-        if steps >= scenario.horizon:
+        if steps < scenario.horizon:
+            stays[moving] += place[moving]
+        else:
             rest *= scenario.discount**steps / (1.0 - scenario.discount)
         if rest <= NEGLIGIBLE_PROBABILITY:
             break
@@ -243,7 +192,7 @@ def _miscoordination_probability(
     apart = _one_each(occupied.T)
     likely = np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
     in_time = all_arrived[scenario.horizon : scenario.horizon + 1]
-    return likely, float(in_time[0]) if in_time else 1.0
+    return likely, float(in_time[0]) if in_time else 1.0, stays
 
 
 def _places_in_time(

@@ -6,13 +6,15 @@ import itertools
 import math
 import tracemalloc
 
+import numpy as np
 import pytest
 from teams import walking
 
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.evaluation import play
+from sparse_coord_ros.core.runs.measures import EXACT
 from sparse_coord_ros.core.solve import exact
-from sparse_coord_ros.core.solve.reference import shortest_path_reference
+from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 GAMMA = 0.95
 
@@ -40,32 +42,32 @@ ROOMS = "1..#..3\n...D..2\n..#D..4"
 def test_golden_values(name):
     at_20, at_100, steps = RANDOM[name]
     scenario = load_scenario(name)
-    reference = shortest_path_reference(scenario)
-    assert reference.returns == pytest.approx(at_20, abs=2e-9)
-    assert reference.miscoordinations == pytest.approx(steps, abs=2e-9)
-    assert reference.time_to_goal == pytest.approx(MOVES[name] / 0.8, rel=1e-12)
-    dearer = shortest_path_reference(scenario.with_settings({"penalty": -100}))
-    assert dearer.returns == pytest.approx(at_100, abs=2e-9)
-    assert dearer.miscoordinations == reference.miscoordinations
+    reference = shortest_paths(scenario)
+    assert reference.mean("returns") == pytest.approx(at_20, abs=2e-9)
+    assert reference.mean("miscoordinations") == pytest.approx(steps, abs=2e-9)
+    assert reference.mean("time_to_goal") == pytest.approx(MOVES[name] / 0.8, rel=1e-12)
+    dearer = shortest_paths(scenario.with_settings({"penalty": -100}))
+    assert dearer.mean("returns") == pytest.approx(at_100, abs=2e-9)
+    assert dearer.mean("miscoordinations") == reference.mean("miscoordinations")
 
 
 def test_a_step_with_two_meetings_counts_once(make):
     grid = "1D2\n###\n3D4"
     robots = {"a": (1, 2), "b": (2, 1), "c": (3, 4), "d": (4, 3)}
-    reference = shortest_path_reference(make(grid, robots, move_success=1))
-    assert reference.miscoordinations == pytest.approx(1, abs=1e-12)
+    reference = shortest_paths(make(grid, robots, move_success=1))
+    assert reference.mean("miscoordinations") == pytest.approx(1, abs=1e-12)
 
 
 def test_no_doorway_and_one_robot(make):
-    assert shortest_path_reference(make("1..2")).miscoordinations == 0
+    assert shortest_paths(make("1..2")).mean("miscoordinations") == 0
     alone = make("1.D.2", {"a": (1, 2)}, interactions="together:any_doorway")
-    assert shortest_path_reference(alone).miscoordinations == 0
+    assert shortest_paths(alone).mean("miscoordinations") == 0
 
 
 def test_ways_around_a_pillar_by_hand(make):
     """Two robots around a pillar: on the same side in half of the trials."""
     scenario = make(".D.\n1#2\n.D.", move_success=1)
-    assert shortest_path_reference(scenario).miscoordinations == pytest.approx(
+    assert shortest_paths(scenario).mean("miscoordinations") == pytest.approx(
         0.5, abs=1e-12
     )
 
@@ -73,8 +75,8 @@ def test_ways_around_a_pillar_by_hand(make):
 def test_unequal_shares_of_the_penalty(make):
     """r^C of one robot is -40, of the other 0: on average as if both paid -20."""
     scenario = make("1D2", move_success=1, common_reward="each:2:0")
-    reference = shortest_path_reference(scenario)
-    assert reference.returns == pytest.approx(200 * GAMMA - 20, abs=1e-9)
+    reference = shortest_paths(scenario)
+    assert reference.mean("returns") == pytest.approx(200 * GAMMA - 20, abs=1e-9)
 
 
 @pytest.mark.parametrize("interactions", ["together", "together:any_doorway"])
@@ -90,10 +92,10 @@ def test_unequal_shares_of_the_penalty(make):
 def test_equals_the_joint_markov_chain(make, interactions, grid, robots):
     """All joint states with their probabilities, carried forward as a trial goes."""
     scenario = make(grid, robots, interactions=interactions, horizon=9, penalty=-7)
-    reference = shortest_path_reference(scenario)
+    reference = shortest_paths(scenario)
     returns, steps = joint_chain(scenario)
-    assert reference.returns == pytest.approx(returns, abs=1e-9)
-    assert reference.miscoordinations == pytest.approx(steps, abs=1e-9)
+    assert reference.mean("returns") == pytest.approx(returns, abs=1e-9)
+    assert reference.mean("miscoordinations") == pytest.approx(steps, abs=1e-9)
 
 
 def joint_chain(scenario):
@@ -149,9 +151,9 @@ def successors(scenario, k, x):
     "settings", [{"discount": 0}, {"discount": 0.999, "move_success": 0.01}]
 )
 def test_extreme_settings_are_finite(make, settings):
-    reference = shortest_path_reference(make(ROOMS, **settings))
-    assert math.isfinite(reference.returns)
-    assert 0 <= reference.miscoordinations <= 100
+    reference = shortest_paths(make(ROOMS, **settings))
+    assert math.isfinite(reference.mean("returns"))
+    assert 0 <= reference.mean("miscoordinations") <= 100
 
 
 def test_a_large_map_takes_little_memory(make):
@@ -160,7 +162,7 @@ def test_a_large_map_takes_little_memory(make):
         "\n".join(["1" + "." * 49, *rows, "." * 49 + "2"]), {"a": (1, 2), "b": (2, 1)}
     )
     tracemalloc.start()
-    assert shortest_path_reference(scenario).miscoordinations == 0
+    assert shortest_paths(scenario).mean("miscoordinations") == 0
     assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
     tracemalloc.stop()
 
@@ -178,12 +180,12 @@ def test_kinds_of_interaction_by_hand(
     make, grid, interactions, returns, time, missed, arrived
 ):
     scenario = make(grid, move_success=1, interactions=interactions)
-    found = shortest_path_reference(scenario)
-    assert found.exact
-    assert found.returns == pytest.approx(returns, abs=1e-9)
-    assert found.time_to_goal == pytest.approx(time)
-    assert found.miscoordinations == pytest.approx(missed)
-    assert found.all_arrived == pytest.approx(arrived)
+    found = shortest_paths(scenario)
+    assert found.source == EXACT
+    assert found.mean("returns") == pytest.approx(returns, abs=1e-9)
+    assert found.mean("time_to_goal") == pytest.approx(time)
+    assert found.mean("miscoordinations") == pytest.approx(missed)
+    assert found.mean("arrived") == pytest.approx(arrived)
 
 
 @pytest.mark.parametrize("interactions", ["swap", "block", "together+swap"])
@@ -191,33 +193,44 @@ def test_pairs_and_larger_teams_are_worth_what_trials_say(interactions):
     """Tables that lead along shortest paths, in the loops of learning."""
     for name in ("env2-2r", "env2-4r"):
         scenario = load_scenario(name, interactions=interactions)
-        found = shortest_path_reference(scenario)
-        assert found.exact == (name == "env2-2r")
-        assert (found.returns_error > 0) != found.exact
+        found = shortest_paths(scenario)
+        assert (found.source == EXACT) == (name == "env2-2r")
+        assert (found.error("returns") > 0) == (found.source != EXACT)
         played = play(scenario, walking(scenario), trials=1000, seed=1)
         for measure in ("returns", "time_to_goal", "miscoordinations"):
-            error = math.hypot(
-                played.error(measure), getattr(found, f"{measure}_error")
-            )
-            gap = abs(played.mean(measure) - getattr(found, measure))
+            error = math.hypot(played.error(measure), found.error(measure))
+            gap = abs(played.mean(measure) - found.mean(measure))
             assert gap <= 4 * error + 1e-9, (name, measure)
 
 
 def test_a_pair_too_large_for_the_joint_chain_is_played(monkeypatch):
     scenario = load_scenario("env1", interactions="together+swap")
-    chain = shortest_path_reference(scenario)
+    chain = shortest_paths(scenario)
     monkeypatch.setattr(exact, "MOST_STATES", 10)
-    played = shortest_path_reference(scenario)
+    played = shortest_paths(scenario)
     assert (chain.trials, played.trials) == (0, 10_000)
-    assert abs(played.returns - chain.returns) < 4 * played.returns_error
-    gap = abs(played.miscoordinations - chain.miscoordinations)
-    assert gap < 4 * played.miscoordinations_error
-    assert f"({played.returns_error:.2f})" in played.in_words()
+    assert abs(played.mean("returns") - chain.mean("returns")) < 4 * played.error(
+        "returns"
+    )
+    gap = abs(played.mean("miscoordinations") - chain.mean("miscoordinations"))
+    assert gap < 4 * played.error("miscoordinations")
 
 
-def test_words_say_who_fails(make):
+def test_it_says_who_fails(make):
     stuck = make("1..2", move_success=1, interactions="block:anywhere")
-    said = shortest_path_reference(stuck).in_words()
-    assert said == "0.00, 0.00 miscoordinations, all arrive in 0 %"
+    assert shortest_paths(stuck).failed
+    assert shortest_paths(stuck).cells()["all arrive"] == "0 %"
     late = make("1D2", move_success=1, horizon=1)
-    assert shortest_path_reference(late).all_arrived == 0
+    assert shortest_paths(late).mean("arrived") == 0
+
+
+@pytest.mark.parametrize("interactions", ["together", "swap"])
+def test_a_robot_stays_in_its_cells_as_in_trials(interactions):
+    """By the independent chains, the joint chain, and trials of a larger team."""
+    for name in ("env1", "crowd-3r"):
+        scenario = load_scenario(name, interactions=interactions, horizon=20)
+        found = shortest_paths(scenario)
+        played = play(scenario, walking(scenario), trials=2000, seed=1)
+        assert np.allclose(found.stays, played.stays, atol=0.15)
+        assert found.stays.sum() == pytest.approx(played.stays.sum(), rel=0.02)
+        assert (found.asked == 0).all()
