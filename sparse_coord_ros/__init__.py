@@ -9,7 +9,7 @@ used::
 
     scenario = sc.load_scenario("env1", penalty=-100)
     training = sc.train(scenario, "coop", seed=1)
-    print(sc.evaluate(training).returns.mean, sc.optimum(scenario).value)
+    print(sc.evaluate(training).mean("returns"), sc.optimum(scenario).value)
 """
 
 from importlib import import_module

@@ -217,7 +217,8 @@ def train_many(
         learner: who learns.
         runs: learning runs.
         seed: seed of run 0.
-        trials: greedy trials of each run afterwards, seeded by the run's seed; 0: none.
+        trials: greedy trials of each run's team, seeded by the run's seed, where an exact
+            evaluation is not quick (more than two robots, large maps); 0: no evaluation.
         history: whether each run keeps its learning history; else it has no episodes.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
@@ -226,8 +227,8 @@ def train_many(
         progress: called with the runs done and to be done.
 
     Returns:
-        The runs, in the order of their seeds. `by_run(run.measures for run in runs)` are the
-        measures of all teams.
+        The runs, in the order of their seeds, each with the `measures` of its team.
+        `by_run(run.measures for run in runs)` are those of all teams.
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
@@ -432,7 +433,7 @@ def sweep(
         learner: the learner, if `over` does not give it.
         out: results directory, as of `run_experiment`; None: do not save.
         runs: independent learning runs of a condition.
-        trials: greedy trials of each run.
+        trials: greedy trials of each run's team, where it is not evaluated exactly.
         seed: seed of run 0; run i has seed + i.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.

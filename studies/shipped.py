@@ -96,7 +96,7 @@ def teams(options) -> None:
         found = sc.train_many(
             scenario, "factored", runs=options.teams, trials=300, seed=SEED
         )
-        order = np.argsort([run.trials.mean("returns") for run in found])
+        order = np.argsort([run.measures.mean("returns") for run in found])
         judged = []
         for place in order[-FEW:].tolist():
             run = found[place]

@@ -60,9 +60,9 @@ def main() -> None:
             seed=options.seed,
         ).values()
         near = near_doorways(result.scenario.map)
-        asked = result.trials.asked
-        stays = result.trials.stays
         measures = result.measures
+        asked = measures.asked
+        stays = measures.stays
         row = {"scenario": name, "asks": measures.mean("asks")}
         row["s.e."] = measures.error("asks")
         row["asked near"] = asked[:, near].sum() / (asked.sum() or np.nan)

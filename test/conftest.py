@@ -109,6 +109,7 @@ def pytest_configure(config):
         folder = tempfile.TemporaryDirectory(prefix="sparse_coord_kept_")
         config.add_cleanup(folder.cleanup)
         os.environ.setdefault(FOLDER_VARIABLE, folder.name)
+        os.environ.setdefault("NUMBA_CACHE_DIR", os.environ[FOLDER_VARIABLE])
         os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder.name}/hypothesis"
 
 

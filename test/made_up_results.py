@@ -61,8 +61,7 @@ def made_up(condition, **changes):
     result = ConditionResult(
         condition=condition,
         seed=PLAN.seed,
-        trials=measures_of(scenario, values, draw),
-        exact=None,
+        measures=measures_of(scenario, values, draw),
         visited=[100.0] * len(values["returns"]),
         optimum=optimum.value,
         optimum_exact=optimum.exact,

@@ -25,7 +25,7 @@ there = is_prepared()
 prepare("coop")
 [run] = run_batch(scenario, "coop", [4], trials=3, engine="numba")
 bits = pack_tables({k: one.memory for k, one in enumerate(run.tables, 1)})
-print(there, hashlib.sha256(bits).hexdigest(), run.trials.returns.tolist())
+print(there, hashlib.sha256(bits).hexdigest(), run.measures.returns.tolist())
 """
 
 

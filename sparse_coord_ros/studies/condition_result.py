@@ -34,8 +34,7 @@ class ConditionResult:
     Attributes:
         condition: the condition.
         seed: seed of run 0; run i has seed + i.
-        trials: the measures of each run's team in greedy trials.
-        exact: the exact measures of each run's team; None where they are not computed.
+        measures: what each run's team earns: exact where that is quick, else in greedy trials.
         visited: joint states that a robot has updated in Q^C, mean over the robots, of each run.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
@@ -43,8 +42,7 @@ class ConditionResult:
 
     condition: Condition
     seed: int
-    trials: Measures
-    exact: Measures | None
+    measures: Measures
     visited: list[float]
     optimum: float
     optimum_exact: bool
@@ -69,11 +67,6 @@ class ConditionResult:
         """The condition's learner."""
         return learner_of(self.condition.learner)
 
-    @property
-    def measures(self) -> Measures:
-        """What the teams earn: exact where that is computed, else in trials."""
-        return self.trials if self.exact is None else self.exact
-
     @cached_property
     def shortest_paths(self) -> Measures:
         """The measures of fixed shortest paths, with no coordination."""
@@ -82,7 +75,7 @@ class ConditionResult:
     @property
     def runs(self) -> int:
         """Number of learning runs."""
-        return len(self.trials)
+        return len(self.measures)
 
     @property
     def joint_states(self) -> int:
@@ -116,8 +109,7 @@ class ConditionResult:
         """Return plain data, as `reproduce --json` prints it."""
         return {
             "id": self.id,
-            "trials": self.trials.to_dict(),
-            "exact": None if self.exact is None else self.exact.to_dict(),
+            **self.measures.to_dict(),
             "robots": self.measures.by_robot(),
             "failed_teams": self.measures.failed,
             "visited_share": self.visited_share,
@@ -128,34 +120,27 @@ class ConditionResult:
             "shortest_paths": self.shortest_paths.to_dict(),
         }
 
-    def to_row(self) -> dict[str, Any]:
-        """Return the measures as a row of a table: `Measures.to_dict`, with the trials played."""
-        return {**self.measures.to_dict(), "trials": self.trials.trials}
 
-
-RunResult: TypeAlias = tuple[Measures, Measures | None, float]
-"""`trials`, `exact` and `visited` of one run: their size does not depend on its tables."""
+RunResult: TypeAlias = tuple[Measures, float]
+"""`measures` and `visited` of one run: their size does not depend on its tables."""
 
 
 def result_of_run(run: Training) -> RunResult:
-    """Return what a condition's result keeps of a run with trials."""
-    assert run.trials is not None  # conditions are computed with trials
-    exact = None if run.exact is None else by_run([run.exact])
-    return by_run([run.trials]), exact, float(run.visited.mean())
+    """Return what a condition's result keeps of a run that was evaluated."""
+    assert run.measures is not None
+    return by_run([run.measures]), float(run.visited.mean())
 
 
 def collect(
     condition: Condition, seed: int, runs: Iterable[RunResult]
 ) -> ConditionResult:
     """Join a condition's runs (>= 1), in the order of their seeds from `seed` on."""
-    trials, exact, visited = zip(*runs, strict=True)
-    computed = [one for one in exact if one is not None]
+    measures, visited = zip(*runs, strict=True)
     optimum = known_optimum(condition.scenario)
     return ConditionResult(
         condition=condition,
         seed=seed,
-        trials=by_run(trials),
-        exact=by_run(computed) if computed else None,
+        measures=by_run(measures),
         visited=list(visited),
         optimum=optimum.value,
         optimum_exact=optimum.exact,

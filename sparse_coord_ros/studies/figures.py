@@ -85,7 +85,7 @@ def beside_paper(
     Args:
         results: the conditions.
         measures: a panel for each of these and each scenario.
-        bars: what bars show: "spread" (in trials) or "error".
+        bars: what bars show: "spread" or "error".
         said: the legend's text for the bars.
     """
     scenarios = by_scenario(results)
@@ -225,7 +225,7 @@ def measured(results: Results, measure: str, bars: str = "error") -> pd.DataFram
     Args:
         results: the conditions.
         measure: one of `MEASURABLE`.
-        bars: what bars show: "spread" (in trials) or "error".
+        bars: what bars show: "spread" or "error".
     """
     exact = all(one.optimum_exact for one in results)
     optimum = OPTIMUM if exact else BOUND
@@ -302,7 +302,7 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
 
     Each map says its learner and settings.
     """
-    totals = {one.id: one.trials.asked.sum(axis=0) for one in results}
+    totals = {one.id: one.measures.asked.sum(axis=0) for one in results}
     norm = PowerNorm(
         0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1
     )

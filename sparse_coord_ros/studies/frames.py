@@ -31,10 +31,10 @@ def to_pandas(results: ResultsLike, *, by_run: bool = False) -> "pd.DataFrame":
 
     Its columns: `condition` (the id), `scenario`, `learner`, `robots` and every setting. Then
 
-    - of a condition: `source` ("exact", or "trials" where nothing exact is computed), `runs`,
-      `trials` of each run, the measures (`returns`, `time_to_goal` and `asks`, means over the
+    - of a condition: `source` ("exact", or "trials" where that is not quick), `runs`, `trials` of
+      each run, the measures (`returns`, `time_to_goal` and `asks`, means over the
       robots; `miscoordinations` of a trial; `arrived`, share of trials in which every robot
-      arrived), each with `<measure>_spread` (over robots, trials and runs, in trials) and
+      arrived), each with `<measure>_spread` (over robots, trials and runs) and
       `<measure>_error` (standard error of the mean; the runs are the samples); `failed_teams`;
       `optimum`, `optimum_exact`, `errors_above_optimum` (by how many standard errors trials exceed
       it); values of other teams and of the paper; the size of Q^C; means of each robot;
@@ -75,7 +75,7 @@ def _rows_of_conditions(result: ConditionResult) -> Iterator[dict[str, Any]]:
     scenario = result.scenario
     measures = result.measures
     row = _head(result)
-    row |= result.to_row()
+    row |= measures.to_dict()
     row["failed_teams"] = measures.failed
     row["optimum"] = result.optimum
     row["optimum_exact"] = result.optimum_exact

@@ -82,7 +82,7 @@ def run_experiment(
             "env1/coop/penalty=-20,ask_cost=2": scenario, learner, changed settings.
         out: results directory, as of `sparse_coord reproduce`; None: do not save.
         runs: independent learning runs of a condition.
-        trials: greedy trials of each run.
+        trials: greedy trials of each run's team, where it is not evaluated exactly.
         seed: seed of run 0; run i has seed + i.
         report: write the experiments' tables and figures into `out`.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.

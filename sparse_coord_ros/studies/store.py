@@ -18,10 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import (
-    ResultsError,
-    SettingError,
-)
+from sparse_coord_ros.base.errors import ResultsError, SettingError, in_short
 from sparse_coord_ros.base.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.plugins import leaving_out
@@ -56,7 +53,12 @@ CONDITIONS = "conditions"
 
 RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
 RUN_TRIALS = Setting(
-    "trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000
+    "trials",
+    int,
+    1000,
+    "trials of a team of more than two robots",
+    low=1,
+    high=1_000_000,
 )
 TRIALS_OR_NONE = replace(RUN_TRIALS, low=0, least=1)
 
@@ -71,7 +73,7 @@ class Plan:
     Attributes:
         seed: seed of run 0; run i has seed + i.
         runs: independent learning runs of a condition, >= 2.
-        trials: Monte-Carlo trials of each run, >= 2.
+        trials: trials of each team that is not evaluated exactly.
     """
 
     seed: int
@@ -159,13 +161,13 @@ REMEDY = "remove it, and the command that made this directory computes it again"
 def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
     """Return the form of `result_data`."""
     robots = len(scenario.robots)
-    measures: dict[str, Form] = dict.fromkeys(MEASURES, (plan.runs,))
+    measures: dict[str, Form] = {"source": str}
+    measures |= dict.fromkeys(MEASURES, (plan.runs,))
     measures |= dict.fromkeys(BY_ROBOT, (plan.runs, robots))
     measures |= dict.fromkeys(BY_CELL, (robots, len(scenario.map.cells)))
     measures["variances"] = dict.fromkeys(MEASURES, (plan.runs,))
     return {
-        "trials": measures,
-        "exact": OrNull(measures),
+        "measures": measures,
         "visited": (plan.runs,),
         "optimum": (),
         "optimum_exact": bool,
@@ -174,25 +176,29 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
 
 def result_data(result: ConditionResult) -> dict[str, Any]:
     """Return what a file says of a condition's runs."""
-    exact = result.exact
-    return {
-        "trials": _measures_data(result.trials),
-        "exact": None if exact is None else _measures_data(exact),
-        **{name: getattr(result, name) for name in SAVED},
-    }
+    found = result.measures
+    measures: dict[str, Any] = {"source": found.source}
+    for name in (*MEASURES, *BY_CELL):
+        measures[name] = getattr(found, name).tolist()
+    measures["variances"] = {n: own.tolist() for n, own in found.variances.items()}
+    return {"measures": measures, **{name: getattr(result, name) for name in SAVED}}
 
 
-def _measures_data(measures: Measures) -> dict[str, Any]:
-    data = {name: getattr(measures, name).tolist() for name in (*MEASURES, *BY_CELL)}
-    variances = {name: own.tolist() for name, own in measures.variances.items()}
-    return {**data, "variances": variances}
-
-
-def _measures(source: str, trials: int, data: dict[str, Any]) -> Measures:
-    """Return measures by run, from the data of a file."""
-    arrays = {name: np.array(data[name]) for name in (*MEASURES, *BY_CELL)}
-    variances = {name: np.array(own) for name, own in data["variances"].items()}
-    return Measures(source, RUN, trials, **arrays, variances=variances)
+def _measures(plan: Plan, data: dict[str, Any]) -> Measures:
+    """Return measures by run, from the data of a file; ValueError: unknown source."""
+    source = data["source"]
+    if source not in (TRIALS, EXACT):
+        allowed = f"allowed: {TRIALS}, {EXACT}"
+        raise ValueError(
+            f"field result.measures.source is {in_short(source)}, {allowed}"
+        )
+    return Measures(
+        source=source,
+        unit=RUN,
+        trials=plan.trials if source == TRIALS else 0,
+        **{name: np.array(data[name]) for name in (*MEASURES, *BY_CELL)},
+        variances={name: np.array(own) for name, own in data["variances"].items()},
+    )
 
 
 def _scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -231,16 +237,14 @@ def _result(
         )
     try:
         check_form(data["result"], _result_form(condition.scenario, plan), "result")
+        measures = _measures(plan, data["result"]["measures"])
     except ValueError as error:
         raise ResultsError(f"{path}: {error}; {REMEDY}") from None
-    result = data["result"]
-    exact = result["exact"]
     return ConditionResult(
         condition=condition,
         seed=plan.seed,
-        trials=_measures(TRIALS, plan.trials, result["trials"]),
-        exact=None if exact is None else _measures(EXACT, 0, exact),
-        **{name: result[name] for name in SAVED},
+        measures=measures,
+        **{name: data["result"][name] for name in SAVED},
     )
 
 

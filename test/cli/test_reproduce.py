@@ -204,7 +204,7 @@ def test_numba_missing(sparse_coord, refused, monkeypatch):
     code, plain, err = sparse_coord(*arguments, "--json")
     assert code == 0
     assert err.count("numba is not installed: computing in plain Python") == 1
-    assert np.isfinite(json.loads(plain)["conditions"][0]["trials"]["returns"])
+    assert np.isfinite(json.loads(plain)["conditions"][0]["returns"])
     assert "not installed" in refused(*arguments, "--engine", "numba")
 
 

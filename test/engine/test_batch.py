@@ -21,7 +21,6 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import FREE
 from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs import team as team_module
-from sparse_coord_ros.core.runs.measures import BY_CELL, MEASURES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team
 
@@ -41,14 +40,7 @@ def assert_same_run(one, other):
     assert one.visited.tolist() == other.visited.tolist()
     if len(one.history.length) and len(other.history.length):
         assert same_bits(one.history, other.history)
-    assert_same_trials(one.trials, other.trials)
-
-
-def assert_same_trials(one, other):
-    for name in (*MEASURES, *BY_CELL):
-        mine, theirs = (getattr(trials, name) for trials in (one, other))
-        assert mine.shape == theirs.shape and mine.dtype == theirs.dtype, name
-        assert mine.tobytes() == theirs.tobytes(), name
+    assert one.measures == other.measures
 
 
 def test_penalties_are_paid_by_their_factors():
@@ -56,7 +48,7 @@ def test_penalties_are_paid_by_their_factors():
         "env2-4r", interactions="together:any_doorway", common_reward="each:0:1:0.5:3"
     )
     [run] = run_batch(scenario, "noncoop", [7], trials=50)
-    by_robot = run.trials.returns.mean(axis=0)
+    by_robot = run.measures.returns.mean(axis=0)
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
 
 

@@ -208,8 +208,8 @@ def test_what_is_exact_decides_who_fails():
     result = result_of_teams(BUILDING, [140.0] * 3, arrived=[1.0, 1.0, 0.0])
     assert standing("tuning-pairs", "coop", [result])["failed"] == 1
     arrived = np.array([0.5, 0.9995, 0.3])
-    exact = replace(result.trials, source=EXACT, trials=0, arrived=arrived)
-    known = replace(result, exact=exact)
+    exact = replace(result.measures, source=EXACT, trials=0, arrived=arrived)
+    known = replace(result, measures=exact)
     assert standing("tuning-pairs", "coop", [known])["failed"] == 2
 
 

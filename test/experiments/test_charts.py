@@ -146,7 +146,7 @@ def test_no_axis_scales_to_rounding_noise(measure):
         alike = {each: [2.0 + 1e-10 * number] * PLAN.runs for each in MEASURES}
         fixed = {**alike, "optimum": 2.0}
         one = result_of("env1", "noncoop", {"penalty": penalty}, **fixed)
-        vars(one)["shortest_paths"] = one.trials
+        vars(one)["shortest_paths"] = one.measures
         results.append(one)
     [panel] = swept_figure(results, "penalty", [measure]).axes
     low, high = panel.get_ylim()

@@ -78,6 +78,7 @@ DAMAGES = {
     ),
     "three runs": lambda text: text.replace('"visited": [', '"visited": [1, '),
     "no returns": lambda text: text.replace('"returns"', '"return"', 1),
+    "a source of its own": lambda text: text.replace('"exact"', '"guessed"'),
     "a variance of nothing": lambda text: text.replace(
         '"variances": {', '"variances": {"laps": [1, 1], '
     ),
@@ -211,7 +212,7 @@ def test_a_condition_s_file_says_what_it_is_of(folder):
     assert content["computation"] == computation_digest(condition)
     with open_results(folder, PLAN) as results:
         found = results.load(condition)
-    returns = content["result"]["trials"]["returns"]
-    assert found.trials.returns.tolist() == returns
-    assert found.exact.returns.tolist() == content["result"]["exact"]["returns"]
+    measures = content["result"]["measures"]
+    assert (found.measures.source, measures["source"]) == ("exact", "exact")
+    assert found.measures.returns.tolist() == measures["returns"]
     assert found.seed == 5

@@ -4,7 +4,6 @@
 
 import errno
 import os
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,8 +20,6 @@ from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.measures import (
-    EXACT,
-    MEASURES,
     TRIAL,
     TRIALS,
     Measures,
@@ -70,7 +67,7 @@ def made_up(seed):
         history=blank_history(0, 2),
         visited=np.array([40, 60 + seed]),
         transitions=scenario.steps,
-        trials=trials,
+        measures=trials,
     )
 
 
@@ -81,13 +78,13 @@ def result():
 
 
 def test_a_result_has_the_measures_of_its_runs(result):
-    teams = [made_up(seed).trials for seed in PLAN.seeds]
-    assert result.measures is result.trials
-    assert result.trials.to_dict() == by_run(teams).to_dict()
-    assert result.trials.arrived.tolist() == [1.0, 0.75, 1.0]
-    assert result.trials.failed == 1
-    assert result.trials.asked[0, 3] == pytest.approx((13 + 14 + 15) / 12)
-    assert result.trials.stays.sum() == pytest.approx((25 + 26 + 27) / 12)
+    measures = result.measures
+    assert measures == by_run(made_up(seed).measures for seed in PLAN.seeds)
+    assert measures.arrived.tolist() == [1.0, 0.75, 1.0]
+    assert measures.failed == 1
+    assert measures.asked[0, 3] == pytest.approx((13 + 14 + 15) / 12)
+    assert measures.stays.sum() == pytest.approx((25 + 26 + 27) / 12)
+    assert result.to_dict().items() >= measures.to_dict().items()
 
 
 def test_sparsity_and_what_it_is_compared_with(result):
@@ -96,26 +93,6 @@ def test_sparsity_and_what_it_is_compared_with(result):
     assert result.optimum == pytest.approx(121.89, abs=0.01)
     assert result.optimum_exact
     assert result.shortest_paths.mean("returns") == pytest.approx(119.68, abs=0.01)
-
-
-def test_what_is_exact_is_shown():
-    run = made_up(5)
-    exact = replace(
-        run.trials,
-        **{name: getattr(run.trials, name)[:1] for name in MEASURES},
-        variances={name: np.ones(1) for name in MEASURES},
-        source=EXACT,
-        trials=0,
-    )
-    runs = [result_of_run(replace(run, exact=exact))] * 2
-    result = collect(CONDITION, 5, runs)
-    assert result.measures is result.exact
-    row = result.to_row()
-    assert (row["source"], row["runs"]) == ("exact", 2)
-    assert row["returns"] == exact.returns.mean()
-    assert row["returns_spread"] == exact.spread("returns")
-    said = result.to_dict()
-    assert said["exact"]["returns"] != said["trials"]["returns"]
 
 
 @pytest.mark.parametrize(

@@ -1,44 +1,68 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`make bench`: its tables."""
+"""`make bench`: its figures and its table, and plain C beside the package."""
 
-from types import SimpleNamespace
+import sys
 
+import numpy as np
 import pytest
 
-from tools.bench import batch, environments
-from tools.bench.__main__ import main
+import sparse_coord_ros as sc
+from tools.bench import measure, plain_c
+from tools.bench.__main__ import FIGURES, main
+
+needs_cc = pytest.mark.skipif(not plain_c.has_compiler(), reason="needs cc")
 
 
-def test_batch_beside_plain_python():
-    rates = {(batch.ENGINE, 2): [4.0, 6.0], (batch.PYTHON, 1): [0.1]}
-    lines = batch.table("env1, Coop.", 0.25, rates).splitlines()
-    assert lines[2].split()[3:] == ["threads", "5.00", "4.00", "to", "6.00", "25"]
-    assert lines[-2].split()[-1] == "1"
-    assert lines[-1].startswith("engine: ready in 0.2 s")
+def test_table_of_two_installations(capsys):
+    """Each figure is measured in both; here the other one is the same."""
+    assert main(["start", "--repeats", "1", "--beside", sys.executable]) == 0
+    head, _, *rows = capsys.readouterr().out.splitlines()
+    assert head.split() == ["medians", "here", "range", "beside", "it", "range"]
+    assert len(rows) == len(FIGURES["start"])
+    for figure, row in zip(FIGURES["start"], rows, strict=True):
+        assert row.startswith(figure.title)
+        here, low, _, high, *other = row.removeprefix(figure.title).split()
+        assert 0 < float(low) == float(here) == float(high)
+        assert float(other[0]) > 0
 
 
-def test_environments_beside_each_other():
-    rates = {"PettingZoo": [0.1, 0.3, 0.2], "in_observation, 9 games": [4.0]}
-    lines = environments.table("env1", rates).splitlines()
-    assert lines[2].split() == ["PettingZoo", "0.200", "0.100", "to", "0.300"]
-    assert lines[3].split()[-4:] == ["4.000", "4.000", "to", "4.000"]
+def test_unknown_part(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["engines"])
+    assert "no such part: engines; parts: compiling, start" in capsys.readouterr().err
 
 
-def test_only_whole_steps_of_robots_count(monkeypatch):
-    """One second a call of ten games of two robots; a half step is no step."""
-    clock = SimpleNamespace(perf_counter=iter(range(1000)).__next__)
-    monkeypatch.setattr(environments, "time", clock)
-    env = environments.VectorGame("env1", 10, asking="in_observation")
-    assert environments.vector_rate(env, 5) == pytest.approx(20e-6)
-    halves = environments.VectorGame("env1", 10)
-    assert 5e-6 < environments.vector_rate(halves, 50) < 17e-6
+def test_microseconds_of_a_step():
+    assert 1 < measure.plain("coop", steps=500) < 10_000
+
+
+@needs_cc
+def test_plain_c_has_the_same_bits(tmp_path):
+    scenario = sc.load_scenario("env1", penalty=-100, steps=5000)
+    learned = plain_c.learn(plain_c.compiled(tmp_path), scenario, seed=7)
+    training = sc.train(scenario, "coop", 7, engine="python")
+    for k, tables in enumerate(training.tables):
+        assert np.array_equal(tables.q_star, learned["q_star"][k])
+        assert np.array_equal(tables.q_coord, learned["q_coord"][k])
+        assert np.array_equal(tables.memory["updates"], learned["updates"][k])
+
+
+@needs_cc
+def test_speed_of_plain_c():
+    assert float(plain_c.line(1, runs=1, steps=1000).split()[4]) > 0.1
 
 
 @pytest.mark.long
-def test_all_of_it(capfd):
+def test_all_figures():
+    """Every function of measure.py measures something."""
     pytest.importorskip("rclpy")
-    pytest.importorskip("pettingzoo")
-    assert main(["--steps", "100", "--runs", "20", "--repeats", "1"]) == 0
-    tables = 2 + len(batch.MEASURED) + len(environments.MEASURED)
-    assert capfd.readouterr().out.count("range") == tables
+    found = {
+        "compiling": measure.compiling("coop"),
+        "many": measure.many("coop"),
+        "engine": measure.engine("coop", runs=1, steps=1000),
+        "live": measure.live("--no-record", steps=200),
+        "scaling": measure.scaling("4"),
+        "vector": measure.vector("env1", games=4, calls=10),
+    }
+    assert min(found.values()) > 0

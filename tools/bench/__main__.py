@@ -1,55 +1,156 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`make bench`: live runs, the batch engine and the environments, each beside its baseline.
+"""Measure an installation: the median of each figure, and its range.
 
-`python -m tools.bench batch --runs 100 --repeats 1`, in a checkout.
+`python -m tools.bench engine live --beside ../old/.venv/bin/python --repeats 5`, in a checkout.
+Each figure is measured in a process of its own; figures and installations take turns.
 """
 
 import argparse
+import os
+import shutil
+import statistics
+import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
-from tools.bench import batch, environments
+from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
+from sparse_coord_ros.cli.options import format_table
+from tools.bench import plain_c
+
+HERE = Path(__file__).parent
+
+
+class Figure(NamedTuple):
+    """A figure of the table.
+
+    Attributes:
+        title: what is measured, with its unit.
+        call: the function of measure.py and its arguments.
+        compiles: whether it begins with no compiled loops on disk.
+    """
+
+    title: str
+    call: tuple[str, ...]
+    compiles: bool = False
+
+
+FURTHER = ("cq", "hysteretic", "factored", "joint", "indiv", "noncoop")
+FIGURES = {
+    "compiling": (
+        Figure("compile coop first, s", ("compiling", "coop"), compiles=True),
+        *(Figure(f"compile {name} then, s", ("compiling", name)) for name in FURTHER),
+        Figure("20 runs of coop, s", ("many", "coop"), compiles=True),
+    ),
+    "start": (
+        Figure("import sparse_coord_ros, ms", ("start", "import")),
+        Figure("sparse_coord --help, ms", ("start", "help")),
+    ),
+    "engine": (
+        Figure("coop, M agent-steps/s", ("engine", "coop")),
+        Figure("factored, M agent-steps/s", ("engine", "factored")),
+    ),
+    "plain": (
+        Figure("coop, plain Python, us a step", ("plain", "coop")),
+        Figure("factored, plain Python, us a step", ("plain", "factored")),
+    ),
+    "live": (
+        Figure("live, one process, steps/s", ("live", "--no-record")),
+        Figure("live, one process, recorded, steps/s", ("live",)),
+        Figure("live, processes, steps/s", ("live", "--processes", "--no-record")),
+        Figure("live, processes, recorded, steps/s", ("live", "--processes")),
+    ),
+    "scaling": tuple(
+        Figure(f"factored, {robots} robots on 257 cells, s", ("scaling", robots))
+        for robots in ("4", "8", "16", "32")
+    ),
+    "environments": (
+        Figure("VectorGame of env1, M agent-steps/s", ("vector", "env1")),
+        Figure("VectorGame of crowd-8r, M agent-steps/s", ("vector", "crowd-8r")),
+    ),
+}
+"""The figures of each part."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Read the command line, measure, and return the exit code."""
+    """Read the command line, measure, print a table, and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
-    parts = ("live", "batch", "environments", "all")
     parser.add_argument(
-        "part", nargs="?", choices=parts, default="all", help="what to measure"
+        "parts", nargs="*", metavar="PART", help=f"{', '.join(FIGURES)}; default: all"
     )
     parser.add_argument(
-        "--steps", type=int, default=10_000, help="of a run (default: 10000)"
+        "--beside", metavar="PYTHON", help="the Python of an installation to compare"
     )
     parser.add_argument(
         "--repeats", type=int, default=3, help="of each figure (default: 3)"
     )
-    parser.add_argument(
-        "--runs", type=int, default=1000, help="of a batch (default: 1000)"
-    )
-    parser.add_argument(
-        "--games", type=int, default=1024, help="of an environment (default: 1024)"
-    )
     options = parser.parse_args(arguments)
-    steps = options.steps
-    repeats = options.repeats
-    if options.part in ("live", "all"):
-        from tools.bench import live
-
-        print(live.ways(steps, repeats), end="\n\n", flush=True)
-        print(live.teams(steps, repeats), end="\n\n", flush=True)
-    if options.part in ("environments", "all"):
-        for scenario in environments.MEASURED:
-            found = environments.measured(scenario, options.games, steps, repeats)
-            print(found, end="\n\n", flush=True)
-    if options.part in ("batch", "all"):
-        for scenario, learner, share in batch.MEASURED:
-            found = batch.measured(
-                scenario, learner, steps, int(options.runs * share), repeats
-            )
-            print(found, end="\n\n", flush=True)
+    unknown = set(options.parts) - set(FIGURES)
+    if unknown:
+        parser.error(f"no such part: {', '.join(unknown)}; parts: {', '.join(FIGURES)}")
+    parts = options.parts or list(FIGURES)
+    figures = [figure for part in parts for figure in FIGURES[part]]
+    pythons = [sys.executable]
+    if options.beside:
+        pythons.append(options.beside)
+    print(table(figures, pythons, options.repeats))
+    if "engine" in parts:
+        print(plain_c.line(options.repeats))
     return 0
+
+
+def table(figures: Sequence[Figure], pythons: Sequence[str], repeats: int) -> str:
+    """Measure the figures of some installations; return a table."""
+    found = list(measured(figures, pythons, repeats))
+    rows = []
+    for number, figure in enumerate(figures):
+        row = [figure.title]
+        for installation in range(len(pythons)):
+            row += spread([one[number][installation] for one in found])
+        rows.append(row)
+    head = ["medians", "here", "range", "beside it", "range"]
+    return format_table(head[: len(rows[0])], rows)
+
+
+def measured(
+    figures: Sequence[Figure], pythons: Sequence[str], repeats: int
+) -> Iterator[list[list[float]]]:
+    """Yield for each repeat the numbers [figure][installation]."""
+    with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
+        caches = [Path(folder) / str(number) for number in range(len(pythons))]
+        for _ in range(repeats):
+            yield [
+                [
+                    measure(figure, python, cache)
+                    for python, cache in zip(pythons, caches, strict=True)
+                ]
+                for figure in figures
+            ]
+
+
+def measure(figure: Figure, python: str, cache: Path) -> float:
+    """Return a figure of the installation that has this Python; compiled loops are in `cache`."""
+    if figure.compiles:
+        shutil.rmtree(cache, ignore_errors=True)
+    command = [python, str(HERE / "measure.py"), *figure.call]
+    environment = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **os.environ,
+        FOLDER_VARIABLE: str(cache),
+    }
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, env=environment
+    )
+    return float(done.stdout)
+
+
+def spread(numbers: Sequence[float]) -> tuple[str, str]:
+    """Return the median of some numbers, and from where to where they go."""
+    median = f"{statistics.median(numbers):.4g}"
+    return median, f"{min(numbers):.4g} to {max(numbers):.4g}"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Many independent learning runs and their trials, on all cores, bit for bit as single runs.
+"""Many independent learning runs and their teams, on all cores, bit for bit as single runs.
 
 Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
 With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
@@ -65,7 +65,7 @@ def run_batch(
     cluster: Cluster | None = None,
     **how: Any,
 ) -> Iterator[Training]:
-    """Learn once for each seed, play greedy trials, and yield the runs in the order of the seeds.
+    """Learn once for each seed, evaluate each team, and yield the runs in the order of the seeds.
 
     Args:
         scenario: the problem and its protocol.
@@ -109,7 +109,8 @@ def run_batches(
 
     Args:
         batches: the batches; runs are yielded in this order.
-        trials: trials of each run; 0: none.
+        trials: greedy trials of each run's team, where it is not evaluated exactly; 0: it is not
+            evaluated.
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
         history: whether each run comes with its learning history.
@@ -248,7 +249,7 @@ def _run_plain(
 
 
 def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
-    """Learn for the scenario's budget, and play greedy trials with the learned tables."""
+    """Learn for the scenario's budget, and evaluate the learned tables."""
     learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
     found = result_of(learning)
@@ -256,10 +257,9 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
         found = replace(found, history=found.history.first(0).copy())
     if not trials:
         return found
-    exact = None
     if is_quick(team.scenario):
-        exact = evaluate_exact(team.scenario, found.tables)
-    return replace(found, trials=learning.play(trials), exact=exact)
+        return replace(found, measures=evaluate_exact(team.scenario, found.tables))
+    return replace(found, measures=learning.play(trials))
 
 
 def result_of(learning: LearningRun) -> Training:

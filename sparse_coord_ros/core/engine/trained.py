@@ -35,9 +35,8 @@ class Training:
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         evaluations: measures of the team on the way, in trials: `steps`, the transitions before
             them, and `Measures.to_dict`.
-        trials: greedy trials afterwards, as `train_many` plays them, seeded by the run's seed;
-            None where none were played.
-        exact: the exact means of such a trial; None without trials, or if not computable.
+        measures: what its team earns, as `train_many` finds it: exactly where that is quick, else
+            in greedy trials, seeded by the run's seed; None where it was not asked for.
     """
 
     scenario: Scenario
@@ -49,18 +48,12 @@ class Training:
     visited: np.ndarray
     transitions: int
     evaluations: tuple[dict[str, Any], ...] = ()
-    trials: Measures | None = None
-    exact: Measures | None = None
+    measures: Measures | None = None
 
     def __repr__(self) -> str:
         """Return a one-line description."""
         done = f"{self.transitions:,} steps, {self.history.episodes:,} episodes"
         return f"<Training {self.scenario.label}; {self.learner.label}, seed {self.seed}; {done}>"
-
-    @property
-    def measures(self) -> Measures | None:
-        """What its team earns: exact if that was computed, else in trials; None: neither."""
-        return self.trials if self.exact is None else self.exact
 
     def save(self, directory: str | Path) -> Path:
         """Write a run's directory, as `sparse_coord train` does: every verb reads it.

@@ -204,7 +204,7 @@ class Measures:
         """Return plain data of all rows together.
 
         `source`, `runs` (where rows are runs) and `trials`; of each measure its mean under its
-        name, `<measure>_spread` and `<measure>_error`.
+        name, `<measure>_spread` where it is known, and `<measure>_error`.
         """
         data: dict[str, Any] = {"source": self.source}
         if self.unit == RUN:
@@ -212,7 +212,9 @@ class Measures:
         data["trials"] = self.trials
         for name in MEASURES:
             data[name] = self.mean(name)
-            data[f"{name}_spread"] = self.spread(name)
+            spread = self.spread(name)
+            if not math.isnan(spread):
+                data[f"{name}_spread"] = spread
             data[f"{name}_error"] = self.error(name)
         return data
 
