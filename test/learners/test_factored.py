@@ -236,15 +236,16 @@ def test_where_a_move_leads_is_worth_what_the_second_percept_would_be_there():
 
 def test_peers_share_what_is_in_the_way_as_they_are_to_blame():
     one = agent(name="env2-4r")
-    for obstruction, shares, all_of_them in (
-        ([0.0, -3.0, -1.0, 0.0], [0.75, 0.25, 0.0], 1.0),
-        ([0.0] * 4, [1 / 3] * 3, 1.0),
+    for obstruction, shares in (
+        ([0.0, -3.0, -1.0, 0.0], [0.75, 0.25, 0.0]),
+        ([0.0] * 4, [1 / 3] * 3),
     ):
         one.mind.obstruction[0, EAST] = obstruction
-        found = [share_of(one.mind, one.task, 0, 1 << j, EAST) for j in (1, 2, 3)]
+        one.mind.obstructed[0, EAST] = sum(obstruction)
+        found = [share_of(one.mind, one.task, 0, j, j + 1, EAST) for j in (1, 2, 3)]
         assert found == shares
-        others = ~1  # a failed percept's row is of all peers
-        assert share_of(one.mind, one.task, 0, others, EAST) == all_of_them
+        # a failed percept's row is of all peers
+        assert share_of(one.mind, one.task, 0, 0, 4, EAST) == 1.0
 
 
 def test_r_c_counts_for_the_team_but_once_where_the_percept_failed():

@@ -11,15 +11,15 @@ from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
-from sparse_coord_ros.core.learners.lone import lone_values
-from sparse_coord_ros.core.learners.memory import check_memory
-from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.rules import (
+from sparse_coord_ros.core.learners.learner import (
     LARGE_MAP,
     MAP_SAMPLES,
     REPLAYS,
     replays_of,
 )
+from sparse_coord_ros.core.learners.lone import lone_values
+from sparse_coord_ros.core.learners.memory import check_memory
+from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 
@@ -81,7 +81,7 @@ def test_what_a_robot_knows_of_its_own_way_begins_at_the_values_of_a_robot_alone
     rule = learner_of(learner)
     for robot in (0, 1):
         alone = lone_values(scenario, robot)
-        mind = rule.mind(scenario, robot)
+        mind = rule.begun(scenario, robot)
         np.testing.assert_array_equal(mind.q_star[:, :PRIMITIVES], alone)
         asking = mind.q_star[:, COORDINATE]
         if rule.asks:
@@ -109,7 +109,7 @@ def test_moves_succeed_as_often_as_the_prior_says():
     same = known(move_success=0.95)
     assert given.known_success == 0.95
     assert lone_values(given, 0).tobytes() == lone_values(same, 0).tobytes()
-    moved = learner_of("factored").mind(given, 0).moved
+    moved = learner_of("factored").begun(given, 0).moved
     assert set(np.unique(moved)) == {0, round(0.95 * MAP_SAMPLES)}
 
 
