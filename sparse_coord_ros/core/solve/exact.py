@@ -26,7 +26,7 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probabilities_between
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.learners.tables import JointTable, Tables
 from sparse_coord_ros.core.runs import evaluation
 from sparse_coord_ros.core.runs.evaluation import Progress
 from sparse_coord_ros.core.runs.measures import BY_ROBOT, EXACT, TRIAL, Measures
@@ -213,7 +213,8 @@ def _choices(tables: Tables) -> Greedy:
     blind = np.zeros((cells, PRIMITIVES))
     for x in np.flatnonzero(asks).tolist():
         blind[x] = _greedy(np.array(tables.values_asking(x, 0, ())))
-    return Greedy(asks, chosen[:, :PRIMITIVES], blind, tables.q_coord)
+    # entry by entry: a robot asks in few cells
+    return Greedy(asks, chosen[:, :PRIMITIVES], blind, JointTable(tables))
 
 
 def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> list[np.ndarray]:
@@ -407,11 +408,8 @@ def _percepts(scenario: Scenario, own: np.ndarray, peers: np.ndarray) -> np.ndar
     return found
 
 
-def _rows(q_coord: Any, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
+def _rows(q_coord: JointTable, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
     """Return the rows of Q^C of some cells, shape (own cells, peer's cells, moves)."""
-    if isinstance(q_coord, np.ndarray):
-        found: np.ndarray = q_coord[np.ix_(own, peers)]
-        return found
     rows = [[q_coord[x, z] for z in peers.tolist()] for x in own.tolist()]
     return np.array(rows).reshape(len(own), len(peers), PRIMITIVES)
 
