@@ -19,12 +19,11 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
 
 KINDS = ("door", "doors", "corridor", "rooms", "loop", "crossing")
-"""Kinds of buildings."""
-
 LEAST_GAP = 3.0
 
-INTERACTIONS = ("swap", "block", "block:anywhere")
+
 LEARNERS = ("factored", "coop", "cq", "joint")
+INTERACTIONS = ("swap", "block", "block:anywhere")
 
 
 def with_a_gap(interactions: str, options):
@@ -45,21 +44,17 @@ def with_a_gap(interactions: str, options):
 
 def stood(interactions: str, learner: str, options) -> dict[str, object]:
     """Return how the teams of a learner stand."""
-    gained = []
-    gaps = []
-    asks = []
-    failed = 0
-    teams = 0
+    gained, gaps, asks, failed, teams = [], [], [], 0, 0
     for scenario, paths, best in with_a_gap(interactions, options):
-        runs = sc.train_many(
+        found = sc.train_many(
             scenario, learner, runs=options.runs, trials=100, seed=options.seed
         )
-        found = sc.by_run(run.measures for run in runs)
-        failed += found.failed
+        measures = sc.by_run(run.measures for run in found)
+        asks += measures.each("asks").tolist()
+        failed += measures.failed
         teams += len(found)
-        gained.append(found.mean("returns") - paths)
+        gained.append(measures.mean("returns") - paths)
         gaps.append(best - paths)
-        asks.append(found.mean("asks"))
     row = {"interactions": interactions, "learner": learner, "buildings": len(gaps)}
     if not gaps:
         return row

@@ -43,8 +43,10 @@ def said(folder):
     command = [sys.executable, "-W", "error", "-c", PROGRAM]
     env = os.environ | {compiling.FOLDER_VARIABLE: str(folder)}
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
     there, _, computed = done.stdout.partition(" ")
+    assert ("compiling learner coop" in done.stderr) == (there == "False")
+    assert done.stderr.count("\n") == (there == "False")
     return there == "True", computed
 
 
@@ -76,20 +78,116 @@ def test_where_it_is(folder, monkeypatch):
     assert len(list(folder.iterdir())) == 3
 
 
-def test_a_changed_rule_compiles_anew(folder, monkeypatch):
-    """Also one of the user's own, whose source is none of this package's."""
-    code = "class Minds(tuple):\n    bootstrap = staticmethod(lambda: {})\n"
-    places = set()
-    monkeypatch.syspath_prepend(folder)
-    for value in (1, 2):
-        (folder / "own_rule.py").write_text(code.format(value))
-        minds = importlib.import_module("own_rule").Minds
-        compiling.folder.cache_clear()
-        places |= {compiling.folder(minds), compiling.folder()}
-        compiling.keep("Minds", minds)
-        assert compiling.is_kept("Minds", minds) and not compiling.is_kept("Minds")
-        del sys.modules["own_rule"]
-    assert len(places) == 3
+OWN_RULE = """
+import more
+from more import WEIGHT, twice
+
+class Rule:
+    @staticmethod
+    def bootstrap(value):
+        return twice(value) * WEIGHT + more.SHARE
+"""
+MORE = """
+from rest import TABLE, NUMBER
+
+SHARE = 0.5
+WEIGHT = 1.0
+def twice(value):
+    return 2 * value + TABLE[0]
+"""
+REST = """
+import numpy as np
+TABLE = np.zeros(3)
+NUMBER = 0
+"""
+OWN_FILES = {"own_rule": OWN_RULE, "more": MORE, "rest": REST}
+
+
+def own_folder(place):
+    """Return the folder of the user's own rule, whose files lie in this place."""
+    for name in OWN_FILES:
+        sys.modules.pop(name, None)
+    importlib.invalidate_caches()
+    compiling.folder.cache_clear()
+    return compiling.folder(importlib.import_module("own_rule").Rule)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "anew"),
+    [
+        ("own_rule", "* WEIGHT", "/ WEIGHT", True),
+        ("more", "2 * value", "3 * value", True),
+        ("more", "SHARE = 0.5", "SHARE = 0.25", True),
+        ("more", "WEIGHT = 1.0", "WEIGHT = 2.0", True),
+        ("rest", "zeros(3)", "ones(3)", True),
+        ("rest", "NUMBER = 0", "NUMBER = 1", False),  # no function reads it
+    ],
+)
+def test_what_the_user_changes_is_compiled_anew(
+    folder, tmp_path_factory, monkeypatch, name, before, after, anew
+):
+    """Numba looks only at the file of the loop, which is this package's."""
+    place = tmp_path_factory.mktemp("own")
+    monkeypatch.syspath_prepend(place)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for one, code in OWN_FILES.items():
+        (place / f"{one}.py").write_text(code)
+    first = own_folder(place)
+    assert own_folder(place) == first != compiling.folder()
+    assert before in OWN_FILES[name]
+    (place / f"{name}.py").write_text(OWN_FILES[name].replace(before, after))
+    assert (own_folder(place) != first) == anew
+    for one in OWN_FILES:
+        del sys.modules[one]
+
+
+OWN_LEARNER = """
+import sparse_coord_ros as sc
+from own_helper import shifted
+
+learn_as_coop = sc.Coop.learn
+
+class Shifted(sc.Coop):
+    @staticmethod
+    def learn(mind, task, k, now, after):
+        learn_as_coop(mind, task, k, now, shifted(after))
+"""
+OWN_HELPER = """
+import sparse_coord_ros as sc
+
+@sc.rules.jitable
+def shifted(value):
+    return value + 0.5
+"""
+TRAIN_OWN = """
+import sparse_coord_ros as sc
+for engine in ("numba", "python"):
+    scenario = sc.load_scenario("env1", steps=500)
+    team = sc.train(scenario, "own_learner:Shifted", engine=engine)
+    print(repr(float(team.tables[0].q_star.sum())))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["own_learner", "own_helper"])
+def test_a_learner_that_was_changed_learns_what_plain_python_does(
+    tmp_path, python, name
+):
+    files = {"own_learner": OWN_LEARNER, "own_helper": OWN_HELPER}
+    for one, code in files.items():
+        (tmp_path / f"{one}.py").write_text(code)
+    env = {compiling.FOLDER_VARIABLE: str(tmp_path / "kept")}
+    sums = []
+    for _ in range(2):
+        done = python("-c", TRAIN_OWN, cwd=tmp_path, env=env)
+        compiled, plain = done.stdout.split()
+        assert compiled == plain
+        assert "compiling learner own_learner:Shifted" in done.stderr
+        sums.append(plain)
+        changed = files[name].replace("value + 0.5", "value + 1.5")
+        changed = changed.replace("shifted(after)", "shifted(2 * after)")
+        (tmp_path / f"{name}.py").write_text(changed)
+    assert sums[0] != sums[1]
 
 
 def test_what_is_spoiled_is_thrown_away(folder):

@@ -224,23 +224,43 @@ def digest_of_sources(
     """
     digest = hashlib.sha256(compiler.encode())
     package = Path(__file__).parents[1]
-    paths = [
-        path for pattern in sources or SOURCES for path in sorted(package.glob(pattern))
-    ]
-    for path in (*paths, *_sources_of(rule)):
-        digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
+    for pattern in sources or SOURCES:
+        for path in sorted(package.glob(pattern)):
+            digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
+    if rule is not None:
+        for source in _sources_of(rule):
+            digest.update(source)
     return digest.hexdigest()[:16]
 
 
-def _sources_of(rule: type | None) -> Iterator[Path]:
-    """Return the files of a class and its base classes that the user has written."""
-    for one in () if rule is None else rule.__mro__:
-        if one.__module__.split(".")[0] not in (
-            __name__.split(".")[0],
-            "builtins",
-            "typing",
-        ):
-            yield Path(inspect.getfile(one))
+def _sources_of(rule: type) -> Iterator[bytes]:
+    """Yield what the user has written of a loop.
+
+    It is the files of its classes and of the functions that they call, which numba does not
+    look at, and the constants that these read, which may be of another file.
+    """
+    for one in rule.__mro__:
+        if _is_the_users(one):
+            yield Path(inspect.getfile(one)).read_bytes()
+    functions = [one for _, one in inspect.getmembers(rule, inspect.isfunction)]
+    for function in filter(_is_the_users, functions):
+        yield Path(inspect.getfile(function)).read_bytes()
+        for name in function.__code__.co_names:
+            value: Any = function.__globals__.get(name)
+            if inspect.isfunction(value) and value not in functions:
+                functions.append(value)
+            elif isinstance(value, ModuleType) and getattr(value, "__file__", None):
+                yield Path(inspect.getfile(value)).read_bytes()
+            elif isinstance(value, int | float | tuple):
+                yield repr(value).encode()
+            elif hasattr(value, "tobytes"):  # an array
+                yield value.tobytes()
+
+
+def _is_the_users(thing: Any) -> bool:
+    """Return whether a class or function is neither of this package nor of Python."""
+    package = thing.__module__.split(".")[0]
+    return package not in (__name__.split(".")[0], "builtins", "typing")
 
 
 def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> None:

@@ -288,7 +288,7 @@ def test_an_interrupt_while_numba_compiles(folder, number):
             env=os.environ | {FOLDER_VARIABLE: str(folder / f"kept{attempt}")},
         )
         try:
-            assert process.stderr.readline().startswith("compiling the learner")
+            assert process.stderr.readline().startswith("compiling learner coop")
             time.sleep(random.uniform(0.0, 1.5))
             process.send_signal(number)
             printed, said = process.communicate(timeout=PATIENCE_SECONDS)

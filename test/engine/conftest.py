@@ -9,8 +9,8 @@ import pytest
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.engine.batch import prepare
 
-LOOPS = [("coop", True), ("factored", True), ("coop", False)]
-"""The learner, and whether its loop gathers the history: numba takes seconds for each."""
+LOOPS = ["coop", "factored"]
+"""Learners whose loops several tests use: numba takes seconds for each."""
 
 
 @pytest.fixture(scope="session")
@@ -19,5 +19,4 @@ def compiled_loops():
     if has_numba():
         worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
         for place in range(len(LOOPS)):
-            learner, history = LOOPS[(place + worker) % len(LOOPS)]
-            prepare(learner, history=history)
+            prepare(LOOPS[(place + worker) % len(LOOPS)])

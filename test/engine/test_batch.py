@@ -9,18 +9,15 @@ import time
 
 import numpy as np
 import pytest
-from teams import PROTOCOL, same_bits, tables_equal
+from teams import PROTOCOL, memories_equal, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.engine.batch import Batch, run_batch, run_batches, uses_numba
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners import mind
+from sparse_coord_ros.core.learners import table
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.mind import FREE
-from sparse_coord_ros.core.learners.tables import memories_equal
-from sparse_coord_ros.core.runs import team as team_module
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team
 
@@ -52,24 +49,23 @@ def test_penalties_are_paid_by_their_factors():
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
 
 
-def test_hashed_tables_grow_and_stay_half_empty(monkeypatch):
-    monkeypatch.setattr(team_module, "BLOCK_STEPS", 32)
-    monkeypatch.setattr(mind, "DENSE_ROWS", 0)
-    monkeypatch.setattr(mind, "DENSE_ZERO_ROWS", 0)
+@pytest.mark.parametrize("compiled", [False, True])
+def test_tables_that_grow_on_the_way_learn_the_same(monkeypatch, compiled):
     scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)
-    run = LearningRun(Team(scenario, Coop(), compiled=True), 2)
+    team = Team(scenario, Coop(), compiled=compiled)
+    roomy = LearningRun(team, 2)
+    roomy.advance(2000)
+    monkeypatch.setattr(table, "FIRST_ROWS", 2)
+    run = LearningRun(team, 2)
     sizes = set()
-    for until in range(32, 2001, 32):
+    for until in range(40, 2001, 40):
         run.advance(until)
-        rows = run.minds.q_coord
-        places = rows.keys.shape[1]
-        assert places & (places - 1) == 0
-        assert rows.used.max() <= places / 2
-        assert ((rows.keys != FREE).sum(axis=1) == rows.used[:, 0]).all()
-        sizes.add(places)
+        rows = run.minds[0].q_coord
+        assert rows.used.max() < rows.keys.shape[1] <= rows.index.shape[1] / 2
+        sizes.add(rows.keys.shape[1])
     assert len(sizes) >= 4
-    assert rows.used.min() > 64
-    assert run.rows_learned(run.tables).tolist() == rows.used[:, 0].tolist()
+    assert all(map(memories_equal, run.memories, roomy.memories))
+    assert same_bits(run.history, roomy.history)
 
 
 def test_what_trials_look_at_is_not_learned():
@@ -90,7 +86,7 @@ def test_a_run_that_is_not_wanted_ends(compiled):
     team = Team(endless, Coop(), compiled=compiled, stop=stop)
     run = LearningRun(team, 1)
     run.advance(100)
-    trials = 10**7 if compiled else 10**5
+    trials = 10**6 if compiled else 10**5
     for work in (lambda: run.advance(10**7), lambda: run.play(trials)):
         stop[0] = False
         timer = threading.Timer(0.2, stop.__setitem__, (0, True))

@@ -4,19 +4,15 @@
 
 import numpy as np
 import pytest
-from teams import tables_equal
 
-from sparse_coord_ros.core.game import scenario as scenarios
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.mind import part
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import JointTable
 from sparse_coord_ros.core.runs.run import LearningRun, learn
 from sparse_coord_ros.core.runs.team import Team
-from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")
 
@@ -33,12 +29,6 @@ def room(side):
     )
 
 
-@pytest.fixture
-def small(monkeypatch):
-    """Return a function that says from how many bytes on Q^C is sparse."""
-    return lambda size: monkeypatch.setattr(scenarios, "LARGEST_DENSE", size)
-
-
 def test_by_size():
     assert [room(side).sparse for side in (26, 27)] == [False, True]
 
@@ -52,21 +42,15 @@ def test_its_form(side, sparse):
 
 
 @pytest.mark.parametrize("learner", ["coop", "factored"])
-def test_a_robot_acts_alike_from_an_array_and_from_its_memory(small, learner):
+def test_the_whole_table_has_the_rows_that_are_read_one_by_one(learner):
     scenario = load_scenario("env1", steps=3000, penalty=-100)
-    dense = learn(scenario, learner, 3, compiled=True)
-    found = evaluate_exact(scenario, dense).to_dict()
-    small(0)
-    sparse = learn(scenario, learner, 3, compiled=True)
-    assert isinstance(sparse[0].q_coord, JointTable)
-    assert tables_equal(dense, sparse)
-    assert evaluate_exact(scenario, sparse).to_dict() == found
-    for one, other in zip(dense, sparse, strict=True):
-        rows = [[other.q_coord[x, z] for z in range(21)] for x in range(21)]
+    for one in learn(scenario, learner, 3):
+        table = JointTable(one)
+        rows = [[table[x, z] for z in range(21)] for x in range(21)]
         assert np.array_equal(one.q_coord, rows)
 
 
-@pytest.mark.long  # numba compiles the loops of hashed tables
+@pytest.mark.long
 def test_eight_robots_in_a_large_hall_know_their_way():
     """What is kept grows with the cells, not with their pairs; 22,500 cells take seconds."""
     side = 150
@@ -83,8 +67,6 @@ def test_eight_robots_in_a_large_hall_know_their_way():
     team = Team(learner.with_defaults(scenario), learner, compiled=True)
     run = LearningRun(team, 1)
     run.advance(2000)
-    trials = run.play(5)
-    assert trials.arrived.all()
-    kept = [array for mind in map(part, [run.minds] * 8, range(8)) for array in mind]
-    sizes = [array.size for array in kept if isinstance(array, np.ndarray)]
+    assert run.play(5).arrived.all()
+    sizes = [array.size for memory in run.memories for array in memory.values()]
     assert max(sizes) <= 5 * side**2

@@ -20,6 +20,7 @@ from teams import PROTOCOL, Traces, by_agents, in_parts
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.learners.mind import rows_in
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import BY_CELL, MEASURES
 from sparse_coord_ros.core.runs.run import LearningRun
@@ -229,12 +230,12 @@ def by_loops(case, compiled):
 
 
 def plain(case, folder, monkeypatch):
-    """Loops of plain Python over lists."""
+    """Loops of plain Python."""
     return by_loops(case, False)
 
 
 def compiled(case, folder, monkeypatch):
-    """Loops that numba compiles, over arrays."""
+    """Loops that numba compiles."""
     return by_loops(case, True)
 
 
@@ -311,15 +312,6 @@ def test_one_run(case, way, tmp_path, monkeypatch, request):
 
 
 @pytest.mark.usefixtures("compiled_loops")
-@pytest.mark.parametrize("learner", ["coop", "factored", "cq", "joint"])
-def test_both_forms_read_one_table_over_pairs(learner):
-    case = f"{learner}, plain"
-    tables = [learned(case, compiled=compiled).tables for compiled in (True, False)]
-    for one, other in zip(*tables, strict=True):
-        assert one.q_coord.tobytes() == other.q_coord.tobytes()
-
-
-@pytest.mark.usefixtures("compiled_loops")
 def test_the_games_show_what_they_are_for():
     """The cases above would say little if robots never met and never asked."""
     run = learned("four, no questions", compiled=True)
@@ -328,7 +320,8 @@ def test_the_games_show_what_they_are_for():
         for learner in ("coop", "factored"):
             run = learned(f"{learner}, {game}", compiled=True)
             assert run.asked.sum() > 20
-            assert run.rows_learned(run.tables).min() > 0 or game == "no answers"
+            rows = min(map(rows_in, run.memories))
+            assert rows > 0 or game == "no answers"
 
 
 def main():

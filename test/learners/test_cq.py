@@ -89,7 +89,7 @@ def test_begins_at_the_lone_values_with_no_mark():
             tables.q_coord == q[:, None]
         ).all()
         assert not any(map(is_marked, tables.q_star))
-    begun = [CQ().mind(scenario, k).q_star for k in range(2)]
+    begun = [CQ().begun(scenario, k).q_star for k in range(2)]
     assert not np.array_equal(*begun)
 
 

@@ -2,52 +2,197 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is no hook of a learner is refused: it would change nothing, and nobody would know."""
 
+import inspect
+
+import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.base.errors import PluginError, SettingError
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.learners.learner import HOOKS
-
-MISTAKES = ("choose", "epsilon", "lern")
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_a_function_that_nobody_calls_is_refused(name):
-    with pytest.raises(TypeError) as refused:
-        type("Mine", (sc.Coop,), {name: staticmethod(lambda mind, task, k: None)})
-    said = str(refused.value)
-    assert said.startswith(f"class Mine: {name!r}")
-    assert all(hook in said for hook in HOOKS)
-    assert "\n" not in said
+from sparse_coord_ros.core.engine import batch
+from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.agent import Agent, Decision
+from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.learner import HOOKS, Learner
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.run import learn
 
 
-def test_a_number_that_nobody_reads_is_refused():
-    with pytest.raises(TypeError, match="class Mine: 'epsilon'"):
-        type("Mine", (sc.Coop,), {"epsilon": 0.1})
+@pytest.mark.parametrize("name", ["choose", "epsilon", "lern", "memory"])
+@pytest.mark.parametrize(
+    "value", [lambda mind, task, k: 0, 0.3], ids=["method", "attribute"]
+)
+def test_what_no_learner_has_is_refused_with_the_names_of_the_hooks(name, value):
+    with pytest.raises(TypeError) as error:
+        type("Mine", (Coop,), {name: value})
+    message = str(error.value)
+    assert message.startswith(f"class Mine: {name!r} is nothing that a learner has")
+    assert ", ".join(HOOKS) in message and "\n" not in message
 
 
-def test_ones_own_names_begin_with_an_underscore():
-    mine = type("Mine", (sc.Coop,), {"_width": 2.0})
-    assert mine()._width == 2.0
+def test_what_begins_with_an_underscore_is_ones_own():
+    class Mine(Coop):
+        name = "mine_of_tests"
+        _share = 0.5
+
+        def _weight(self):
+            return self._share
+
+        def weights(self, scenario):
+            return RewardWeights(1.0, self._weight(), 1.0)
+
+    weights = sc.register_learner(Mine).weights(load_scenario("env1"))
+    assert weights.common == 0.5
 
 
-def test_a_hook_with_other_parameters_is_refused():
-    with pytest.raises(TypeError, match=r"class Mine: decide takes \(mind, task\)"):
-        type("Mine", (sc.Coop,), {"decide": staticmethod(lambda mind, task: 0)})
+@pytest.mark.parametrize("hook", HOOKS)
+def test_a_hook_with_other_parameters_is_refused_with_the_right_ones(hook):
+    right = list(inspect.signature(getattr(Learner, hook)).parameters)
+    turned = right[1::-1] + right[2:]
+    for wrong in (["self", *right], right[:-1], turned):
+        function = eval(f"lambda {', '.join(wrong)}: 0")
+        with pytest.raises(TypeError) as error:
+            type("Mine", (Coop,), {hook: staticmethod(function)})
+        assert str(error.value) == (
+            f"class Mine: {hook} takes ({', '.join(wrong)}), allowed: "
+            f"({', '.join(right)})"
+        )
 
 
-def test_in_one_line_on_the_command_line(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "value", [3, None, classmethod(lambda cls, scenario, robot: 0)]
+)
+def test_a_hook_is_a_plain_function(value):
+    with pytest.raises(TypeError, match=r"no plain function; allowed: \(scenario, ro"):
+        type("Mine", (Coop,), {"initial": value})
+
+
+class FirstMove:
+    """A way to choose, for several learners."""
+
+    @staticmethod
+    def decide(mind, task, k, step, cell):
+        return 0
+
+
+class CoopFirst(FirstMove, Coop):
+    pass
+
+
+def test_a_hook_may_be_of_a_class_that_is_no_learner():
+    rule = learner_of(CoopFirst)
+    assert rule.rule is CoopFirst
+    scenario = load_scenario("env1", steps=100)
+    updates = learn(scenario, rule, 1)[0].memory["updates"]
+    assert updates[:, 0].sum() > 0 and not updates[:, 1:].any()
+    with pytest.raises(TypeError, match="class Mine: 'lern' is nothing"):
+        type("Mine", (type("Others", (), {"lern": 0}), Coop), {})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("epsilon", 0.3, "'epsilon' is nothing that a learner has"),
+        ("decide", lambda *_: 0, "decide was set in an instance; set it in the class"),
+        ("partners", True, "partners was set in an instance"),
+    ],
+)
+def test_an_instance_has_nothing_that_its_loop_would_not_use(name, value, words):
+    class Mine(Coop):
+        def __init__(self):
+            self.name = "mine_of_tests"
+            setattr(self, name, value)
+
+    for use in (learner_of, sc.register_learner):
+        with pytest.raises(SettingError, match=f"class Mine: {words}"):
+            use(Mine)
+
+
+MISTAKES = {
+    "lern(mind, task, k, now, after)": "'lern' is nothing that a learner has; its functions are "
+    "initial, informed, begin_episode, decide,",
+    "learn(mind, task, now, after)": "learn takes (mind, task, now, after), allowed: (mind, task, "
+    "k, now, after)",
+}
+
+
+@pytest.mark.parametrize("signature", MISTAKES)
+def test_in_one_line_on_the_command_line(tmp_path, monkeypatch, capsys, signature):
     (tmp_path / "mistaken.py").write_text(
         "import sparse_coord_ros as sc\n"
         "class Mine(sc.Coop):\n"
         "    @staticmethod\n"
-        "    def lern(mind, task, k, now, after):\n"
+        f"    def {signature}:\n"
         "        mind.q_star[k, now.cell, now.action] = 0\n"
     )
-    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
-    assert main(["train", "env1", "--learner", "mistaken:Mine", "--steps", "100"]) == 2
-    said = capsys.readouterr().err
-    assert "'lern'" in said
-    assert "decide" in said
-    assert said.count("\n") == 1
+    for verb in ("train", "run"):
+        assert main([verb, "env1", "--learner", "mistaken:Mine", "--steps", "100"]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith("error: learner 'mistaken:Mine': its module failed: ")
+        assert f"class Mine: {MISTAKES[signature]}" in said
+        assert "(mistaken.py, line 2)" in said
+        assert said.count("\n") == 1
+
+
+# What hooks return.
+
+
+class Strange(Coop):
+    """It chooses an action that no robot has."""
+
+    @staticmethod
+    def decide(mind, task, k, step, cell):
+        return 4 if step < 3 else 700
+
+
+class Stray(Coop):
+    """It moves in a direction that no robot has."""
+
+    @staticmethod
+    def decide(mind, task, k, step, cell):
+        return 4
+
+    @staticmethod
+    def move_after_asking(mind, task, k, step, cell, seen, cells, values):
+        return 4
+
+
+needs_numba = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
+
+
+@pytest.mark.parametrize("learner", [Strange, Stray])
+@pytest.mark.parametrize("engine", [pytest.param("numba", marks=needs_numba), "python"])
+def test_an_action_that_does_not_exist_is_refused(learner, engine, monkeypatch):
+    """A compiled loop would write beside its arrays."""
+    # the learner fails already where it is compiled
+    monkeypatch.setattr(batch, "_compiles", lambda rule: True)
+    monkeypatch.setattr(batch, "prepare", lambda rule: None)
+    scenario = load_scenario("env1", steps=100)
+    with pytest.raises(PluginError, match="it chose an action that it does not have"):
+        list(run_batch(scenario, learner, [3], trials=0, engine=engine))
+
+
+def test_an_agent_refuses_an_action_that_does_not_exist():
+    scenario = load_scenario("env1")
+    with pytest.raises(PluginError, match="while deciding: .*chose an action"):
+        Agent(learner_of(Strange), scenario, 0, 1).decide(5, 2)
+    with pytest.raises(PluginError, match="while acting: .*chose an action"):
+        Agent(learner_of(Stray), scenario, 0, 1).act(5, 2, Decision(4, (1,)), None)
+
+
+@pytest.mark.parametrize("made", [None, {"q_star": np.zeros((21, 5))}, ()])
+def test_a_learner_begins_with_its_mind(made):
+    class Mine(Coop):
+        name = "mine_of_tests"
+
+        @staticmethod
+        def initial(scenario, robot):
+            return made
+
+    with pytest.raises(PluginError, match="initial returned .*, allowed: .* Mind"):
+        learn(load_scenario("env1", steps=9), sc.register_learner(Mine), 1)

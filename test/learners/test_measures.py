@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.runs.measures import EXACT, TRIAL, TRIALS, Measures, by_run
 
 MEANS = [1.0, 2.0, 6.0]
@@ -182,3 +183,16 @@ def test_it_shows_itself_in_one_line():
         "<Measures: 3 trials; return 3.00 (1.53), time to goal 3.00 (1.53), "
         "miscoordinations 3.00 (1.53), asks 3.00 (1.53), all arrive 3 of 3>"
     )
+
+
+@pytest.mark.parametrize(
+    "teams", [[], [None], [of_trials(ROBOTS), computed(7.0)], [of_trials(ROBOTS), 3]]
+)
+def test_other_things_are_no_teams(teams):
+    with pytest.raises(SettingError, match="teams"):
+        by_run(teams)
+
+
+def test_an_unknown_measure():
+    with pytest.raises(SettingError, match="'reward', allowed: returns, time_to_goal"):
+        of_trials(ROBOTS).mean("reward")

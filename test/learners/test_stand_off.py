@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from teams import drawn
 
-from sparse_coord_ros.core.game.actions import COORDINATE, EAST, PRIMITIVES, WEST
+from sparse_coord_ros.core.game.actions import COORDINATE, EAST, WEST
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners import factored
 from sparse_coord_ros.core.learners.agent import Agent, Decision
@@ -36,7 +36,7 @@ def agent(*, leaves=True):
     scenario = drawn(peers="all", prior="map")
     one = Agent(learner_of("factored"), scenario, 0, 3, learning=False)
     one.mind.leaves[0] = leaves
-    one.mind.u[0, HERE] = [10.0] * PRIMITIVES
+    one.mind.u[0, HERE] = 10.0
     one.mind.u[0, HERE, WALL] = 100.0
     one.mind.u[0, HERE, WEST] = 80.0
     one.begin_episode()
@@ -114,6 +114,7 @@ def test_teams_of_more_than_two_leave_unless_percepts_depend_on_places():
     assert leaves_stand_offs(four)
     assert not leaves_stand_offs(near)
     assert not leaves_stand_offs(load_scenario("env1"))
+    assert Factored.initial(four, 0).leaves
 
 
 def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves(monkeypatch):
@@ -122,7 +123,7 @@ def test_a_team_in_a_frozen_stand_off_arrives_if_it_leaves(monkeypatch):
     monkeypatch.setattr(factored, "LEAVING_SHARE", 0.9)
     arrived = {}
     for leaves in (False, True):
-        monkeypatch.setattr(factored, "leaves_stand_offs", lambda _, said=leaves: said)
+        monkeypatch.setattr(factored, "leaves_stand_offs", lambda _, it=leaves: it)
         scenario = drawn(
             "1....\n##D##\n....2",
             {"robot_1": (1, 2), "robot_2": (2, 1)},
@@ -160,7 +161,7 @@ def test_a_surplus_of_waiting_is_shared_by_the_peers_in_the_way():
     assert in_the_way(mind, task, 0, 5) == 0
     assert share_of_surplus(mind, task, 0, 5, 6.0) == 6.0
     for peer, value in ((1, -3.0), (2, -1.0), (3, 4.0)):
-        key = rho_key(5, peer, int(mind.last[0, 2 + peer]), task.cells, task.robots)
+        key = rho_key(5, peer, mind.last[0, 2 + peer], task.cells, task.robots)
         row = met(mind.rho, task, 0, key)
         mind.rho.values[0, row, 1] = value
     assert in_the_way(mind, task, 0, 5) == 2

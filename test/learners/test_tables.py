@@ -4,14 +4,12 @@
 
 import numpy as np
 import pytest
-from teams import tables_equal, tables_from_values
+from teams import memories_equal, tables_equal, tables_from_values
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.coop import Coop
-from sparse_coord_ros.core.learners.mind import memory_of
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.tables import (
     TEAM_FILE,
@@ -110,20 +108,6 @@ def test_equal_tables_are_equal_bytes(team):
         assert memories_equal(one.memory, table.memory)
         assert one.counts == {"step": 7}
     assert "here" in refusal(lambda: unpack_saved(data[:-40], [1], where="here"))
-
-
-def test_the_order_of_learning_does_not_show_in_the_file(sparse_run):
-    """Rows of Q^C are in the order of their keys, whatever came first."""
-    mind = sparse_run.mind(0)
-    rows = mind.q_coord
-    turned = {key: row for row, key in enumerate(reversed(rows.places))}
-    assert list(rows.places) != sorted(rows.places)
-    other = mind._replace(
-        q_coord=rows._replace(
-            places=turned, values=rows.values[::-1], updates=rows.updates[::-1]
-        )
-    )
-    assert pack_tables({1: memory_of(other)}) == pack_tables({1: memory_of(mind)})
 
 
 def test_robots_files_apart(tmp_path, team):

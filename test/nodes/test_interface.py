@@ -16,11 +16,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from teams import memories_equal
 from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.base.palette import robot_colour
 from sparse_coord_ros.base.share import share_file
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.wire.status import values_of
@@ -99,8 +99,10 @@ def team(module_bench, tmp_path_factory):
     ).success
     bench.spin_until(lambda: world.lockstep.complete, "barrier complete")
     newest = round(world.lockstep.world.step * PERIOD * 1e9)
+    arrived = dict(zip(NAMES, world.lockstep.world.arrived, strict=True))
+    acting = [seen.actions[name] for name in NAMES if not arrived[name]]
     bench.spin_until(
-        lambda: all(ns(m[-1].header.stamp) == newest for m in seen.actions.values()),
+        lambda: all(ns(m[-1].header.stamp) == newest for m in acting),
         "last actions",
     )
     seen.world = world

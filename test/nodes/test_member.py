@@ -85,9 +85,9 @@ def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
     """They count from the first message on the run's end."""
     node = begun()
     side = node.member.lockstep
-    for row in side.agent.mind.q_star:
-        row[COORDINATE] = -1e6
-    side.agent.mind.q_star[END][COORDINATE] = 1e6 if asks else -1e6
+    q_star = side.agent.mind.q_star[side.agent.number]
+    q_star[:, COORDINATE] = -1e6
+    q_star[END, COORDINATE] = 1e6 if asks else -1e6
     walk(side, rewarded=rewarded, until=until)
     say(node, RunState.STOPPED, END, END - 1)
     ended = node.presence.ended

@@ -23,6 +23,7 @@ from sparse_coord_ros.core.learners.mind import Memory, memory_of, team_mind, wi
 from sparse_coord_ros.core.learners.rules import (
     NOT_PERCEIVED,
     Transition,
+    check_action,
     greedy,
     scheduled,
 )
@@ -142,6 +143,7 @@ class Agent:
         k = self.number
         if self.learning:
             action = self.learner.decide(self.mind, self.task, k, step, cell)
+            check_action(action, self.task.actions)
         else:
             action = greedy(self.values(cell), len(ACTIONS), self._key, step, TIE)
         if action != COORDINATE:
@@ -174,6 +176,7 @@ class Agent:
         move = self.learner.move_after_asking(
             self.mind, self.task, k, step, cell, seen, cells, values
         )
+        check_action(move, PRIMITIVES)
         return action_of(decision, move, perceived=perceived is not None)
 
     def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:

@@ -111,15 +111,48 @@ def replays_of(scenario: Scenario) -> int:
     return 1
 
 
-def _check_hook(learner: type, name: str, function: Callable[..., Any]) -> None:
-    """Raise `TypeError` unless a hook takes the parameters of its contract."""
-    wanted = list(inspect.signature(getattr(Learner, name)).parameters)
-    found = list(inspect.signature(function).parameters)
-    if len(found) != len(wanted):
+def check_attributes(learner: "Learner") -> None:
+    """Raise `TypeError` if an instance has attributes that only its class can have, or none."""
+    for name in vars(learner):
+        _check_name(type(learner), name)
+        if name in OF_THE_LOOP:
+            raise TypeError(
+                f"class {type(learner).__name__}: {name} was set in an instance; set it in the "
+                "class"
+            )
+
+
+def _check_name(learner: type, name: str) -> None:
+    """Raise `TypeError` if a public name is none of a learner's: nothing would ever use it."""
+    if not (name.startswith("_") or name == "Mind" or hasattr(Learner, name)):
         raise TypeError(
-            f"class {learner.__name__}: {name} takes ({', '.join(found)}), allowed: "
-            f"({', '.join(wanted)})"
+            f"class {learner.__name__}: {name!r} is nothing that a learner has; its functions "
+            f"are {', '.join(HOOKS)}; let names of your own begin with '_'"
         )
+
+
+def _check_hook(learner: type, name: str, hook: Any) -> None:
+    """Raise `TypeError` unless a hook is a function with the parameters of its contract."""
+    wanted = list(inspect.signature(getattr(Learner, name)).parameters)
+    allowed = f"allowed: ({', '.join(wanted)})"
+    if not inspect.isfunction(hook):
+        raise TypeError(
+            f"class {learner.__name__}: {name} is {in_short(hook)}, no plain function; {allowed}"
+        )
+    found = list(inspect.signature(hook).parameters)
+    if found != wanted:
+        raise TypeError(
+            f"class {learner.__name__}: {name} takes ({', '.join(found)}), {allowed}"
+        )
+
+
+def _new_names(learner: type) -> list[str]:
+    """Return the names in the body of a class, and in its base classes that are no learners."""
+    names = list(vars(learner))
+    for base in learner.__bases__:
+        if not issubclass(base, Learner):
+            names += [name for name in dir(base) if not hasattr(object, name)]
+    return names
 
 
 HOOKS = (
@@ -133,6 +166,9 @@ HOOKS = (
     "learn",
 )
 """The functions of a learner that its loop, its robots and its files call."""
+
+OF_THE_LOOP = (*HOOKS, "sees_all", "partners")
+"""What a loop has of a learner's class."""
 
 
 class Learner:
@@ -190,20 +226,12 @@ class Learner:
         for attribute in ("name", "title", "summary"):
             if attribute not in vars(cls):
                 setattr(cls, attribute, getattr(Learner, attribute))
-        for name, value in list(vars(cls).items()):
+        for name in _new_names(cls):
+            _check_name(cls, name)
             if name in HOOKS:
-                function = getattr(value, "__func__", value)
-                _check_hook(cls, name, function)
-                setattr(cls, name, staticmethod(jitable(function)))
-            elif (
-                not name.startswith("_")
-                and not hasattr(Learner, name)
-                and name != "Mind"
-            ):
-                raise TypeError(
-                    f"class {cls.__name__}: {name!r} is nothing that a learner has; its "
-                    f"functions are {', '.join(HOOKS)}; let names of your own begin with '_'"
-                )
+                hook = getattr(cls, name)
+                _check_hook(cls, name, hook)
+                setattr(cls, name, staticmethod(jitable(hook)))
         if not is_shipped(cls):
             for name, check in CHECKS.items():
                 if name in vars(cls):
@@ -345,9 +373,8 @@ class Learner:
     @property
     def rule(self) -> Any:
         """The class with its hooks, of which a loop is made: itself, or a base class."""
-        own = (*HOOKS, "sees_all", "partners")
         for one in type(self).__mro__:
-            if any(name in vars(one) for name in own):
+            if any(name in vars(one) for name in OF_THE_LOOP):
                 return one
         return Learner
 
@@ -461,6 +488,10 @@ class Learner:
         """Return what a robot (from 0) remembers before learning; its arrays are its own."""
         with self.blamed("making what a robot remembers"):
             mind = self.initial(scenario, robot)
+            if not isinstance(mind, getattr(self, "Mind", ())):
+                raise TypeError(
+                    f"initial returned {in_short(mind)}, allowed: the learner's Mind"
+                )
             if scenario.prior == "map":
                 mind = self.informed(mind, scenario, robot, self.weights(scenario))
             return mind

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.learners.cq import CQ
 from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 from sparse_coord_ros.core.learners.joint import Joint
-from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.learner import Learner, check_attributes
 
 
 def _learner(name: str, thing: object) -> Learner:
@@ -27,6 +27,7 @@ def _learner(name: str, thing: object) -> Learner:
             "it must be a subclass of sparse_coord_ros.Learner, or an instance of one"
         )
         raise TypeError(f"is no learner; {remedy}")
+    check_attributes(made)
     if not is_shipped(made) and made.name in LEARNERS.installed:
         made.entry_point = made.name
     return made

@@ -191,6 +191,16 @@ def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
 
 
 @jitable
+def check_action(action: int, count: int) -> None:
+    """Raise `IndexError` unless a learner chose one of the first `count` actions.
+
+    A compiled loop would write beside its arrays.
+    """
+    if not 0 <= action < count:
+        raise IndexError("it chose an action that it does not have")
+
+
+@jitable
 def asks_surely(values: Any) -> Any:
     """Return whether a greedy robot asks here, whatever it draws.
 

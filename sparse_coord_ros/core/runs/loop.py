@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.compiling import jit, jitable
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import TIE
 from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
 from sparse_coord_ros.core.game.rules import (
@@ -30,6 +30,7 @@ from sparse_coord_ros.core.game.rules import (
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
+    check_action,
     greedy,
     scheduled,
 )
@@ -193,6 +194,7 @@ def loop_of(learner: Any) -> Callable[..., None]:
                     continue
                 if task.learning:
                     action = decide(mind, task, k, step, cell)
+                    check_action(action, task.actions)
                 else:
                     values = mind.q_star[k, cell]
                     action = greedy(values, len(ACTIONS), task.keys[k], step, TIE)
@@ -204,6 +206,7 @@ def loop_of(learner: Any) -> Callable[..., None]:
                     move = move_after_asking(
                         mind, task, k, step, cell, seen, cells, task.row
                     )
+                    check_action(move, PRIMITIVES)
                     record.asks[row, k] += 1
                     record.asked[k, cell] += 1
                 record.stays[k, cell] += 1

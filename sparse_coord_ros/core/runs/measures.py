@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sparse_coord_ros.base.dataframes import data_frame
+from sparse_coord_ros.base.errors import check_argument, check_choice
 from sparse_coord_ros.base.percents import percent
 
 if TYPE_CHECKING:
@@ -109,14 +110,14 @@ class Measures:
         Run i of two experiments with one seed draws the same numbers: differences are taken row
         by row.
         """
-        values: np.ndarray = getattr(self, name)
+        values = self._values(name)
         if values.ndim == 2:
             values = values.mean(axis=1)
         return values.astype(float, copy=False)
 
     def mean(self, name: str) -> float:
         """Return the mean of a measure over rows and robots."""
-        return float(getattr(self, name).mean())
+        return float(self._values(name).mean())
 
     def error(self, name: str) -> float:
         """Return the standard error of the mean; NaN of a single sample.
@@ -134,10 +135,16 @@ class Measures:
         NaN where it is not known.
         """
         if self.source == TRIALS and self.unit == TRIAL:
-            return float(getattr(self, name).std())
-        if name not in self.variances:
+            return float(self._values(name).std())
+        if not self.variances:
             return math.nan
         return math.sqrt(self.variances[name].mean() + self.each(name).var())
+
+    def _values(self, name: str) -> np.ndarray:
+        """Return a measure's array; SettingError: there is no such measure."""
+        check_choice("measure", name, MEASURES)
+        values: np.ndarray = getattr(self, name)
+        return values
 
     @property
     def failed(self) -> int:
@@ -280,7 +287,13 @@ def by_run(teams: Iterable[Measures]) -> Measures:
     Args:
         teams: the measures of each team (or of several, by run already), all of one scenario and
             one source; at least one.
+
+    Raises:
+        SettingError: they are something else.
     """
+    teams = list(teams)
+    kinds = {_kind(team) for team in teams}
+    check_argument("teams", teams, len(kinds) == 1 and None not in kinds, TEAMS)
     rows = [_as_run(team) for team in teams]
     many = [len(row) for row in rows]
     means: dict[str, Any] = {
@@ -297,6 +310,19 @@ def by_run(teams: Iterable[Measures]) -> Measures:
         stays=np.average([row.stays for row in rows], axis=0, weights=many),
         variances=variances,
     )
+
+
+TEAMS = (
+    "the measures of teams of one scenario, all exact or all of trials; train_many with trials=0 "
+    "finds none"
+)
+
+
+def _kind(team: object) -> tuple[str, int] | None:
+    """Return what all teams of `by_run` share; None: these are no measures."""
+    if not isinstance(team, Measures):
+        return None
+    return team.source, team.returns.shape[1]
 
 
 def _as_run(team: Measures) -> Measures:
