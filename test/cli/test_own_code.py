@@ -137,7 +137,7 @@ def test_reproduce_names_it_in_ids(place, verb):
     assert all((place / "auto/conditions" / f"{one}.json").is_file() for one in ids)
     again = verb("reproduce", *ids, *few, "--out", "auto", "--json")
     assert again == found[0]
-    returns = json.loads(found[0])["conditions"][1]["returns"]["mean"]
+    returns = json.loads(found[0])["conditions"][1]["returns"]
     assert np.isfinite(returns)
 
 

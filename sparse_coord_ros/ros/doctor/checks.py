@@ -87,7 +87,7 @@ def compiler() -> Finding:
     if folder is None:
         text = (
             f"{numba.__version__} compiles, but cannot store the result: each process "
-            "compiles for about 15 s"
+            "compiles for some seconds"
         )
         remedy = f"make ~/.cache writable, or export {compiling.FOLDER_VARIABLE}=FOLDER"
         return Finding(HINT, "numba", text, remedy)
