@@ -3,11 +3,10 @@
 """What learners reach in each kind of interaction. The studies of docs/interactions.md.
 
 python studies/interactions.py [--kinds KIND...] [--seeds N...] [--runs N] [--steps N] [--seed N]
-python studies/interactions.py --parts --seeds 1 3 5 --runs 8 --seed 5200000
 
 Pairs learn in generated buildings whose gap, from shortest paths to the joint optimum, is 3 or
 more; penalty -100. The table has, by interaction and learner, the share of the pooled gap,
-failed teams and questions of a robot. `--parts` has factored without one part of its rule.
+failed teams and questions of a robot.
 """
 
 import argparse
@@ -23,56 +22,8 @@ KINDS = ("door", "doors", "corridor", "rooms", "loop", "crossing")
 LEAST_GAP = 3.0
 
 
-class NoExchanges(sc.Factored):
-    """Takes all r^C for that of a cell, none for that of an exchange."""
-
-    @staticmethod
-    def came_from(mind, task, now, y):
-        """Return whether the robot exchanged cells: never."""
-        return False
-
-
-class NoStops(sc.Factored):
-    """Takes stops for slips."""
-
-    @staticmethod
-    def was_stopped(mind, task, now):
-        """Return whether a peer stopped the robot: never."""
-        return False
-
-
-class OneStep(sc.Factored):
-    """Counts a stop as the step that it costs near the goal."""
-
-    @staticmethod
-    def loss_of_stop(mind, task):
-        """Return what arrival loses in a step."""
-        arrival = task.goal_reward + task.discount * task.goal_value
-        return (1.0 - task.discount) * arrival
-
-
-class NoLookingBack(sc.Factored):
-    """Does not learn the results of moves that it did not make."""
-
-    @staticmethod
-    def look_back(mind, task, now):
-        """Learn nothing."""
-
-
-OTHERS = ["coop", "cq", "joint"]
-REACHED = {
-    "swap": ["factored", NoExchanges, *OTHERS],
-    "block": ["factored", NoStops, *OTHERS],
-    "block:anywhere": ["factored", NoStops, *OTHERS],
-}
-"""Learners, by the interactions."""
-
-PARTS = {
-    "together": ["factored", NoLookingBack],
-    "together:anywhere": ["factored", NoLookingBack],
-    "swap": ["factored", NoLookingBack, NoExchanges],
-    "block:anywhere": ["factored", NoLookingBack, NoStops, OneStep],
-}
+LEARNERS = ("factored", "coop", "cq", "joint")
+INTERACTIONS = ("swap", "block", "block:anywhere")
 
 
 def with_a_gap(interactions: str, options):
@@ -91,7 +42,7 @@ def with_a_gap(interactions: str, options):
                 yield scenario, paths, best
 
 
-def stood(interactions: str, learner, options) -> dict[str, object]:
+def stood(interactions: str, learner: str, options) -> dict[str, object]:
     """Return how the teams of a learner stand."""
     gained, gaps, asks, failed, teams = [], [], [], 0, 0
     for scenario, paths, best in with_a_gap(interactions, options):
@@ -104,8 +55,7 @@ def stood(interactions: str, learner, options) -> dict[str, object]:
         teams += len(found)
         gained.append(measures.mean("returns") - paths)
         gaps.append(best - paths)
-    name = learner if isinstance(learner, str) else learner.__name__
-    row = {"interactions": interactions, "learner": name, "buildings": len(gaps)}
+    row = {"interactions": interactions, "learner": learner, "buildings": len(gaps)}
     if not gaps:
         return row
     return row | {
@@ -123,7 +73,6 @@ def main() -> None:
         description=__doc__.split("\n")[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("--parts", action="store_true", help="of factored")
     seeds = list(range(1, 17, 2))
     parser.add_argument("--seeds", type=int, nargs="+", default=seeds, help="buildings")
     parser.add_argument(
@@ -134,8 +83,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=77_000, help="of the first team")
     options = parser.parse_args()
     rows = []
-    for interactions, learners in (PARTS if options.parts else REACHED).items():
-        for learner in learners:
+    for interactions in INTERACTIONS:
+        for learner in LEARNERS:
             rows.append(stood(interactions, learner, options))
             print(rows[-1], flush=True)
     print(pd.DataFrame(rows).round(3).to_string(index=False))

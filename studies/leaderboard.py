@@ -20,7 +20,10 @@ import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.core.learners.hysteretic import Hysteretic
+from sparse_coord_ros.core.learners.hysteretic import (
+    Hysteretic,
+    hysteretic_update,
+)
 
 LISTS = [
     *("paper", "crowds", "unseen2-pairs", "unseen2-four", "unseen2-eight"),
@@ -62,18 +65,18 @@ class Tenth(Hysteretic):
     """Learns bad news by a tenth of the step size."""
 
     @staticmethod
-    def share_of_alpha(mind, task):
-        """Return beta / alpha."""
-        return 0.1
+    def learn(mind, task, k, now, after):
+        """Update Q*."""
+        hysteretic_update(mind, task, k, now, after, 0.1)
 
 
 class Third(Hysteretic):
     """Learns bad news by three tenths of the step size."""
 
     @staticmethod
-    def share_of_alpha(mind, task):
-        """Return beta / alpha."""
-        return 0.3
+    def learn(mind, task, k, now, after):
+        """Update Q*."""
+        hysteretic_update(mind, task, k, now, after, 0.3)
 
 
 PROTOCOLS = [

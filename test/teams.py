@@ -19,7 +19,6 @@ from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.mind import memory_before
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.rules import reward_of
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.history import HistoryRecorder, concatenated
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.run_config import load_run
@@ -256,6 +255,18 @@ def tables_equal(one, other):
     """Return whether two teams have the same tables, bit for bit."""
     return len(one) == len(other) and all(
         memories_equal(a.memory, b.memory) for a, b in zip(one, other, strict=True)
+    )
+
+
+def memories_equal(one, other):
+    """Return whether robots have the same memory, bit for bit."""
+    if one.keys() != other.keys():
+        return False
+    return all(
+        one[name].dtype == other[name].dtype
+        and one[name].shape == other[name].shape
+        and one[name].tobytes() == other[name].tobytes()
+        for name in one
     )
 
 

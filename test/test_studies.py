@@ -12,7 +12,6 @@ ROOT = Path(__file__).parents[1]
 STUDIES = ROOT / "studies"
 TINY = "--runs 2 --trials 2 --steps 20"
 RUNS = {
-    "ablation.py": (f"--scenarios crowd-4r {TINY}", "no replay"),
     "central.py": (
         "--lists swap-pairs --buildings 1 --teams 2 --trials 2 --steps 50",
         "share of the gap",

@@ -12,7 +12,6 @@ import numpy as np
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario, dense_nbytes
-from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import Measures, by_run
@@ -20,11 +19,8 @@ from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.studies.conditions import Condition
 
-KEY_BYTES = 8
-"""Bytes of the key of a row."""
-
-CORRECTION_BYTES = KEY_BYTES + PRIMITIVES * 8
-"""Bytes of a row of rho: its key, and four float64."""
+ROW_BYTES = 8 + PRIMITIVES * 8
+"""Bytes of a row of Q^C, or of rho: its key, and four float64."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +79,6 @@ class ConditionResult:
         return self.learner.rows_of_a_cell(self.scenario) * len(self.scenario.map.cells)
 
     @property
-    def row_bytes(self) -> int:
-        """Bytes of one such row: four float64, and its key where it has one."""
-        if isinstance(self.learner, Factored):
-            return CORRECTION_BYTES
-        perceived = self.scenario.perceived
-        return dense_nbytes(1, perceived) + self.scenario.sparse * KEY_BYTES
-
-    @property
     def dense_bytes(self) -> int:
         """Bytes of one robot's Q^C with a row for every joint state."""
         return dense_nbytes(len(self.scenario.map.cells), self.scenario.perceived)
@@ -102,8 +90,8 @@ class ConditionResult:
 
     @property
     def visited_bytes(self) -> float:
-        """Bytes of the visited rows of one robot's Q^C, with their keys where it is sparse."""
-        return float(np.mean(self.visited)) * self.row_bytes
+        """Bytes of the visited rows of one robot's Q^C, with their keys."""
+        return float(np.mean(self.visited)) * ROW_BYTES
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, as `reproduce --json` prints it."""

@@ -8,9 +8,9 @@ from contextlib import chdir
 import numpy as np
 import pytest
 import yaml
+from teams import memories_equal
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.tables import load_saved
 
 MODULE = """

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from teams import PROTOCOL, by_agents, same_bits, tables_equal
+from teams import PROTOCOL, by_agents, memories_equal, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine import batch
@@ -19,7 +19,6 @@ from sparse_coord_ros.core.learners import table
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.history import FIRST_EPISODES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from teams import memories_equal
 
 from sparse_coord_ros.base.errors import SettingError, TablesError
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, SOUTH
@@ -16,7 +17,6 @@ from sparse_coord_ros.core.learners.looking_back import share_of
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run

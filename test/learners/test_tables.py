@@ -4,13 +4,12 @@
 
 import numpy as np
 import pytest
-from teams import tables_equal, tables_from_values
+from teams import memories_equal, tables_equal, tables_from_values
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.tables import (
     TEAM_FILE,

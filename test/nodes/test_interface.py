@@ -16,11 +16,11 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from teams import memories_equal
 from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.base.palette import robot_colour
 from sparse_coord_ros.base.share import share_file
-from sparse_coord_ros.core.learners.tables import memories_equal
 from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.wire.status import values_of

@@ -81,7 +81,7 @@ PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
 
 LARGEST_DENSE = 2**24
-"""Bytes of one robot's Q^C up to which it is an array: a pair's on 724 cells."""
+"""Bytes of one robot's Q^C up to which users see it as an array: a pair's on 724 cells."""
 
 LONGEST = 1_000_000
 """Most steps of an episode or a trial."""
@@ -288,7 +288,7 @@ class Scenario:
 
     @property
     def sparse(self) -> bool:
-        """True if Q^C has rows for visited joint states only, as of `is_sparse`."""
+        """True if Q^C has too many joint states for an array, as of `is_sparse`."""
         return is_sparse(len(self.map.cells), self.perceived)
 
     def with_settings(
@@ -357,9 +357,9 @@ def dense_nbytes(cells: int, agents: int) -> int:
 
 
 def is_sparse(cells: int, agents: int) -> bool:
-    """Return whether Q^C is stored sparsely: over more than a pair, or on a large map.
+    """Return whether Q^C has too many joint states for an array.
 
-    On a large map, an array would take more than `LARGEST_DENSE` bytes a robot.
+    It does over more than a pair, and where the array would take more than `LARGEST_DENSE` bytes.
     """
     return agents > 2 or dense_nbytes(cells, 2) > LARGEST_DENSE
 

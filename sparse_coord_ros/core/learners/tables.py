@@ -140,15 +140,3 @@ class JointTable:
             )
         cells = range(self._cells)
         return np.array([[self[x, z] for z in cells] for x in cells])
-
-
-def memories_equal(one: Memory, other: Memory) -> bool:
-    """Return whether robots have the same memory, bit for bit."""
-    if one.keys() != other.keys():
-        return False
-    return all(
-        one[name].dtype == other[name].dtype
-        and one[name].shape == other[name].shape
-        and one[name].tobytes() == other[name].tobytes()
-        for name in one
-    )
