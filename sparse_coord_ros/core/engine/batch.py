@@ -223,6 +223,8 @@ def _compiles(learner: Learner) -> bool:
         try:
             _compile(learner)
         except PluginError as error:
+            if not type(error.__cause__).__module__.startswith("numba"):
+                raise  # it is compiled, and failed
             _compiling[rule] = False
             reason = _reason(error)
             print(
