@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from teams import PROTOCOL, memories_equal, same_bits, tables_equal
+from teams import PROTOCOL, by_agents, memories_equal, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine import batch
@@ -18,6 +18,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners import table
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.history import FIRST_EPISODES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team
 
@@ -49,34 +51,74 @@ def test_penalties_are_paid_by_their_factors():
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
 
 
+CROWDS = {
+    "coop": problem("crowd-3r", peers="all", epsilon="constant:1"),
+    "factored": problem("env2-4r", peers="all", epsilon="constant:0.5", max_steps=60),
+}
+"""Teams whose tables get many rows; those of env2-4r leave stand-offs."""
+
+
+@pytest.mark.parametrize("learner", CROWDS)
 @pytest.mark.parametrize("compiled", [False, True])
-def test_tables_that_grow_on_the_way_learn_the_same(monkeypatch, compiled):
-    scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)
-    team = Team(scenario, Coop(), compiled=compiled)
+def test_tables_that_grow_on_the_way_learn_the_same(monkeypatch, learner, compiled):
+    scenario = CROWDS[learner]
+    team = Team(scenario, learner_of(learner), compiled=compiled)
     roomy = LearningRun(team, 2)
-    roomy.advance(2000)
+    roomy.advance(1000)
     monkeypatch.setattr(table, "FIRST_ROWS", 2)
     run = LearningRun(team, 2)
     sizes = set()
-    for until in range(40, 2001, 40):
+    for until in range(40, 1001, 40):
         run.advance(until)
-        rows = run.minds[0].q_coord
+        rows = run.minds[0].q_coord if learner == "coop" else run.minds[0].rho
         assert rows.used.max() < rows.keys.shape[1] <= rows.index.shape[1] / 2
         sizes.add(rows.keys.shape[1])
-    assert len(sizes) >= 4
+    assert len(sizes) >= 3
     assert all(map(memories_equal, run.memories, roomy.memories))
     assert same_bits(run.history, roomy.history)
 
 
-def test_what_trials_look_at_is_not_learned():
-    """Trials with hardly any learning before them perceive joint states without an update."""
-    scenario = problem("crowd-3r", peers="all", steps=3)
-    run = LearningRun(Team(scenario, Coop(), compiled=True), 1)
-    run.advance(3)
-    before = run.memories
-    assert run.play(20).asks.sum() > 100
-    assert all(map(memories_equal, run.memories, before))
-    assert max(len(memory["q_coord_keys"]) for memory in before) <= 3
+@pytest.mark.parametrize("learner", CROWDS)
+def test_tables_of_agents_grow_on_the_way_too(monkeypatch, learner):
+    rule = learner_of(learner)
+    scenario = CROWDS[learner]
+    roomy = LearningRun(Team(scenario, rule, compiled=False), 2)
+    roomy.advance(1000)
+    monkeypatch.setattr(table, "FIRST_ROWS", 2)
+    memories, history = by_agents(scenario, rule, 2)
+    assert all(map(memories_equal, memories, roomy.memories))
+    assert same_bits(history, roomy.history)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_the_record_of_episodes_grows(compiled):
+    scenario = problem("env1", max_steps=3)
+    run = LearningRun(Team(scenario, Coop(), compiled=compiled), 2)
+    run.advance(1000)
+    memories, history = by_agents(scenario, Coop(), 2)
+    assert history.episodes > 4 * FIRST_EPISODES
+    assert history.length.sum() == 1000
+    assert same_bits(run.history, history)
+    assert all(map(memories_equal, run.memories, memories))
+
+
+@pytest.mark.parametrize("learner", [*CROWDS, "noncoop", "indiv"])
+@pytest.mark.parametrize("compiled", [False, True])
+def test_trials_on_the_way_change_nothing(learner, compiled):
+    """They perceive joint states that were not met, leave stand-offs, and begin episodes."""
+    scenario = CROWDS.get(learner, problem("env2-4r"))
+    team = Team(scenario, learner_of(learner), compiled=compiled)
+    run = LearningRun(team, 1)
+    for until in (3, 500, 1000):  # two of them in the middle of an episode
+        run.advance(until)
+        before = run.memories
+        again, same = (run.play(5) for _ in range(2))
+        assert again == same
+        assert all(map(memories_equal, run.memories, before))
+    unbroken = LearningRun(team, 1)
+    unbroken.advance(1000)
+    assert all(map(memories_equal, run.memories, unbroken.memories))
+    assert same_bits(run.history, unbroken.history)
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -37,13 +37,13 @@ class Parts:
 
 class Twice(sc.Coop):
     @staticmethod
-    def learn(mind, task, now):
-        coop_learn(mind, task, now)
-        coop_learn(mind, task, now)
+    def learn(mind, task, k, now, after):
+        coop_learn(mind, task, k, now, after)
+        coop_learn(mind, task, k, now, after)
 
 class Broken(sc.Coop):
     @staticmethod
-    def learn(mind, task, now):
+    def learn(mind, task, k, now, after):
         if now.step > 20:
             return {}["learned"]
 
@@ -57,16 +57,18 @@ class Empty(sc.Coop):
         pass
 
 class Odd(sc.Coop):
-    memory = {"odd": lambda scenario, robot: scenario.no_such_setting}
+    @staticmethod
+    def initial(scenario, robot):
+        return scenario.no_such_setting
 
 class Valueless(sc.Coop):
     @staticmethod
-    def bootstrap(mind, task, cell, now):
+    def bootstrap(mind, task, k, cell, now):
         pass
 
 class Needy(sc.Coop):
     def __init__(self, more):
-        self.more = more
+        self._more = more
 
 class Unchecked(sc.Coop):
     def check(self, scenario):
@@ -439,7 +441,7 @@ def test_names_that_collide(module):
     [
         ("Broken", ["failed while learning: KeyError: 'learned'", line('["learned"]')]),
         ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
-        ("Empty", ["failed while making what a robot remembers: AttributeError"]),
+        ("Empty", ["making what a robot remembers: TypeError: initial returned None"]),
         ("Valueless", ["failed while learning: TypeError"]),
         ("Needy", ["failed while being made: TypeError", "'more'"]),
         (

@@ -12,7 +12,7 @@ from sparse_coord_ros.core.learners import factored
 from sparse_coord_ros.core.learners.agent import Agent, Decision
 from sparse_coord_ros.core.learners.corrections import rho_key
 from sparse_coord_ros.core.learners.factored import Factored, leaves_stand_offs
-from sparse_coord_ros.core.learners.looking_back import in_the_way
+from sparse_coord_ros.core.learners.looking_back import in_the_way, share_of_surplus
 from sparse_coord_ros.core.learners.own_moves import LEAST_VALUE_SHARE, cell_value
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.table import met
@@ -159,11 +159,14 @@ def test_a_surplus_of_waiting_is_shared_by_the_peers_in_the_way():
     mind.last[0, 2:] = [5, 6, 7, 8]
     mind.u[0, 5] = [1.0, 2.0, 0.0, 0.0]
     assert in_the_way(mind, task, 0, 5) == 0
+    assert share_of_surplus(mind, task, 0, 5, 6.0) == 6.0
     for peer, value in ((1, -3.0), (2, -1.0), (3, 4.0)):
         key = rho_key(5, peer, mind.last[0, 2 + peer], task.cells, task.robots)
         row = met(mind.rho, task, 0, key)
         mind.rho.values[0, row, 1] = value
     assert in_the_way(mind, task, 0, 5) == 2
+    assert share_of_surplus(mind, task, 0, 5, 6.0) == 3.0
+    assert share_of_surplus(mind, task, 0, 5, -6.0) == -6.0
 
 
 def test_cells_keep_a_share_of_their_worth_to_a_robot_alone_in_larger_teams():

@@ -219,10 +219,11 @@ def _compiles(learner: Learner) -> bool:
     if is_shipped(rule):
         return True
     if rule not in _compiling:
-        _compiling[rule] = True
         try:
             _compile(learner)
+            _compiling[rule] = True
         except PluginError as error:
+            _learn_one_step(learner, compiled=False)  # it may fail by itself
             _compiling[rule] = False
             reason = _reason(error)
             print(
@@ -298,17 +299,17 @@ def prepare(learner: str | Learner, *, engine: str = "auto") -> None:
 
 def _compile(learner: Learner) -> None:
     """Compile the loop of a learner, or load it from disk."""
-
-    def warm_up() -> None:
-        small = learner.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
-        LearningRun(Team(small, learner, compiled=True), seed=0).advance(1)
-
     if not is_prepared(learner=learner):
         print(
             f"compiling learner {learner.label}, once per machine, some seconds",
             file=sys.stderr,
         )
-    compile_once(*_loop_key(learner), warm_up)
+    compile_once(*_loop_key(learner), partial(_learn_one_step, learner, compiled=True))
+
+
+def _learn_one_step(learner: Learner, *, compiled: bool) -> None:
+    small = learner.with_defaults(load_scenario(SMALL).with_settings({"steps": 1}))
+    LearningRun(Team(small, learner, compiled=compiled), seed=0).advance(1)
 
 
 def is_prepared(*, learner: str | Learner = "coop") -> bool:

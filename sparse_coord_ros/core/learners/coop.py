@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Algorithm 1 of Melo & Veloso (AAMAS 2009): Q* over the own cell, Q^C over joint states.
 
-The lines are those of Algorithm 1. Lines 2 to 5, 11, 16, 19 and 20 are the caller's: random
-draws, percepts and time (`core.runs.loop`, or the robot's node).
+The lines are those of Algorithm 1. Line 4 is the hook `decide` of the base class. Lines 2, 3, 5,
+11, 16, 19 and 20 are the caller's: percepts, moves and time (`core.runs.loop`, or the robot's
+node).
 """
 
 from typing import Any, NamedTuple

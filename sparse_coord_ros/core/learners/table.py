@@ -73,10 +73,16 @@ def places_for(rows: int) -> int:
 
 
 @jitable
+def hashed(key: Any) -> Any:
+    """Return the hash of a key, or of an array of keys."""
+    return key ^ key >> 7 ^ key >> 17
+
+
+@jitable
 def place_of(rows: Table, k: int, key: int) -> int:
     """Return the place of a key in robot k's index, or the free place where it belongs."""
     mask = rows.index.shape[1] - 1
-    place = (key ^ key >> 7 ^ key >> 17) & mask
+    place = hashed(key) & mask
     row = rows.index[k, place]
     while row != 0 and rows.keys[k, row] != key:
         place = (place + 1) & mask
@@ -150,9 +156,21 @@ def grown(rows: Table, needed: int) -> Table:
 
 
 def _index(rows: Table, k: int, first: int, used: int) -> None:
-    """Enter some rows of robot k in its index."""
-    for row, key in enumerate(rows.keys[k, first:used].tolist(), start=first):
-        rows.index[k, place_of(rows, k, key)] = row
+    """Enter some rows of robot k, which are not in its index yet.
+
+    All rows go on at once until each has found a free place; of several that meet there one stays.
+    """
+    index = rows.index[k]
+    mask = len(index) - 1
+    keys = rows.keys[k, first:used]
+    entered = np.arange(first, used)
+    places = hashed(keys) & mask
+    while len(entered):
+        free = index[places] == 0
+        index[places[free]] = entered[free]
+        left = index[places] != entered
+        entered = entered[left]
+        places = (places[left] + 1) & mask
 
 
 class LearnedRows(NamedTuple):
