@@ -187,14 +187,14 @@ def chosen(agent, world, percepts):
 
 def in_parts(scenario, rule, seed, parts, folder):
     """Return what is learned up to each of these steps by the other engine, through files."""
-    forms = [Team(scenario, rule, compiled=compiled) for compiled in (False, True)]
-    learning = LearningRun(forms[1], seed)
+    teams = [Team(scenario, rule, compiled=compiled) for compiled in (False, True)]
+    learning = LearningRun(teams[1], seed)
     for part, until in enumerate(parts):
         learning.advance(until)
         path = folder / f"{part}.npz"
         Checkpoint(learning.state(), (), 0, 0).save(path, scenario, rule, seed)
         state = load_checkpoint(path, scenario, rule, seed).state
-        learning = LearningRun(forms[part % 2], seed, state)
+        learning = LearningRun(teams[part % 2], seed, state)
     return learning
 
 

@@ -21,6 +21,7 @@ from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.base.files import take_lock
 from sparse_coord_ros.cli import evaluate as evaluate_verb
 from sparse_coord_ros.cli import train as train_verb
+from sparse_coord_ros.core.learners import mind
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import load_run
 
@@ -239,6 +240,12 @@ def test_a_full_disk_leaves_no_half_of_a_run(refused, full_disk, name):
     full_disk(name)
     said = refused(*SHORT, "--out", "a")
     assert said.startswith(f"error: a/{name}: No space left on device")
+
+
+def test_a_team_that_does_not_fit_into_memory_is_refused(refused, monkeypatch):
+    monkeypatch.setattr(mind, "free_memory", lambda: 10_000)
+    error = refused(*SHORT, "--learner", "factored", "--out", "a")
+    assert "2 robots remember on 21 cells" in error
 
 
 def test_a_full_disk_where_there_is_a_checkpoint(
