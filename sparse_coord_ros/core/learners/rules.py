@@ -94,6 +94,18 @@ class Task(NamedTuple):
     replays: int
 
 
+def of_run(task: Task, keys: np.ndarray) -> Task:
+    """Return the task of one run: what a run writes to is its own.
+
+    Args:
+        task: the task of a team, which several threads may share.
+        keys: robot k's key for `draw` [k].
+    """
+    return task._replace(
+        keys=keys, row=np.zeros(PRIMITIVES), full=np.zeros(1, dtype=np.bool_)
+    )
+
+
 class Transition(NamedTuple):
     """A transition, from which a robot learns: a time step t and its result.
 

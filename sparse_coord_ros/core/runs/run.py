@@ -21,6 +21,7 @@ from sparse_coord_ros.core.game.world import (
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, team_mind, with_room
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.rules import of_run
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.history import (
@@ -108,8 +109,7 @@ class LearningRun:
                 cells=tuple(position.cells[k] for k in group.robots),
                 arrived=tuple(position.arrived[k] for k in group.robots),
             )
-            full = np.zeros(1, dtype=np.bool_)
-            self._tasks.append(group.task._replace(keys=keys[ROBOT], full=full))
+            self._tasks.append(of_run(group.task, keys[ROBOT]))
             self._runs.append(run_at(here, keys, team.exploring, max_steps))
             cells = len(self.scenario.map.cells)
             self._records.append(record_of(history, group.robots, cells))

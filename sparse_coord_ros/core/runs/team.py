@@ -22,7 +22,7 @@ from sparse_coord_ros.core.learners.mind import (
     memory_of,
     team_mind,
 )
-from sparse_coord_ros.core.learners.rules import Task
+from sparse_coord_ros.core.learners.rules import Task, of_run
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.measures import TRIAL, TRIALS, Measures
@@ -134,6 +134,7 @@ class Team:
         robots = range(len(scenario.robots))
         problem, task = self._trying
         keys = keys_of(seed, EVALUATION, len(robots))
+        task = of_run(task, keys[ROBOT])
         position = before_episode(0, FIRST_STEP + EPISODE_GAP, len(robots))
         run = run_at(position, keys, np.zeros(1), scenario.horizon)
         record = blank_record(trials, len(robots), len(scenario.map.cells))
@@ -148,7 +149,7 @@ class Team:
                 room = record._replace(length=record.length[:part])
                 self.loop(
                     problem,
-                    task._replace(keys=keys[ROBOT]),
+                    task,
                     run,
                     mind,
                     room,
