@@ -18,6 +18,7 @@ from sparse_coord_ros.core.game.world import (
     Position,
     before_episode,
 )
+from sparse_coord_ros.core.learners.agent import Decision, action_of
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, team_mind, with_room
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -170,15 +171,15 @@ class LearningRun:
 
     def _action(self, run: loop.Run, place: int, k: int, step: int) -> Action:
         """Return the action of robot k at the last completed time step."""
-        asked = int(run.actions[place]) == COORDINATE
-        peer = -1
-        if asked:
+        decision = Decision(int(run.actions[place]))
+        if decision.action == COORDINATE:
             chance = draw(run.keys[ROBOT, place], step, PEER)
             peers = asked_peers(
                 self.scenario.peers, k, len(self.scenario.robots), chance
             )
-            peer = peers[0] if len(peers) == 1 else -1
-        return Action(int(run.moves[place]), asked, peer, int(run.seen[place]) != 0)
+            decision = Decision(COORDINATE, peers)
+        move = int(run.moves[place])
+        return action_of(decision, move, perceived=bool(run.seen[place] != 0))
 
     @property
     def tables(self) -> list[Tables]:
