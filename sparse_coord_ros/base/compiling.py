@@ -135,7 +135,8 @@ def _end_without(future: Future[Any]) -> None:
 
 # What compiled loops may call.
 
-_jitable: list[Callable[..., Any]] = []
+_jitable: dict[Callable[..., Any], bool] = {}
+"""Functions that compiled loops may call; whether numba knows them already."""
 
 OPTIONS = {"_nrt": False, "forceinline": True, "no_cfunc_wrapper": True}
 """Options of numba for loops and for what they call. Without `_nrt` numba counts no references to
@@ -152,7 +153,7 @@ def jitable(function: F) -> F:
     Returns:
         The same function. (It is numba's `register_jitable`, also where numba is not installed.)
     """
-    _jitable.append(function)
+    _jitable.setdefault(function, False)
     return function
 
 
@@ -168,8 +169,10 @@ def jit(
         rule: the learner whose functions are compiled in, or None.
     """
     compiler = numba()
-    while _jitable:
-        compiler.extending.register_jitable(**OPTIONS)(_jitable.pop())
+    for function, known in list(_jitable.items()):
+        if not known:
+            compiler.extending.register_jitable(**OPTIONS)(function)
+            _jitable[function] = True
     place = folder(rule)
     config = vars(compiler.config)
     before = config["CACHE_DIR"]

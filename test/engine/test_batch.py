@@ -19,6 +19,7 @@ from sparse_coord_ros.core.learners import table
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.rules import of_run
 from sparse_coord_ros.core.runs.history import FIRST_EPISODES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Stopped, Team
@@ -119,6 +120,24 @@ def test_trials_on_the_way_change_nothing(learner, compiled):
     unbroken.advance(1000)
     assert all(map(memories_equal, run.memories, unbroken.memories))
     assert same_bits(run.history, unbroken.history)
+
+
+def test_runs_side_by_side_learn_what_they_learn_one_after_the_other():
+    """Threads share a team: what a run writes to is its own."""
+    scenario = problem("cmu", steps=100_000, epsilon="constant:0.4")
+    how = {"trials": 0, "engine": "numba", "history": True}
+    alone = list(run_batch(scenario, "coop", range(4), jobs=1, **how))
+    together = list(run_batch(scenario, "coop", range(4), jobs=4, **how))
+    for one, other in zip(alone, together, strict=True):
+        assert_same_run(one, other)
+
+
+def test_two_runs_of_a_task_write_to_no_common_array():
+    task = Coop().task(load_scenario("env1"))
+    one = of_run(task, task.keys)
+    other = of_run(task, task.keys)
+    assert not np.shares_memory(one.row, other.row)
+    assert not np.shares_memory(one.full, other.full)
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -39,6 +39,7 @@ from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import rows_in
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.exact import evaluate_exact, is_quick
@@ -253,9 +254,7 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     """Learn for the scenario's budget, and evaluate the learned tables."""
     learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
-    found = result_of(learning)
-    if not gathering:
-        found = replace(found, history=found.history.first(0).copy())
+    found = result_of(learning, history=gathering)
     if not trials:
         return found
     if is_quick(team.scenario):
@@ -263,16 +262,19 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     return replace(found, measures=learning.play(trials))
 
 
-def result_of(learning: LearningRun) -> Training:
-    """Return the results of a run so far."""
+def result_of(learning: LearningRun, *, history: bool = True) -> Training:
+    """Return the results of a run so far, with or without its learning history."""
     memories = learning.memories
+    episodes = blank_history(0, len(learning.scenario.robots))
+    if history:
+        episodes = learning.history
     return Training(
         learning.scenario,
         learning.learner,
         learning.seed,
         "numba" if learning.team.compiled else "python",
         learning.team.tables(memories),
-        learning.history,
+        episodes,
         np.array([rows_in(memory) for memory in memories]),
         learning.done,
     )

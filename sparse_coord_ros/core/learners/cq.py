@@ -42,11 +42,11 @@ from sparse_coord_ros.core.learners.rules import (
     Transition,
     Values,
     copy_moves,
+    explores,
     greatest,
     greedy,
     ql_update,
     reward_of,
-    scheduled,
 )
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
@@ -75,14 +75,14 @@ class CQ(Learner):
     needs_map = True
 
     class Mind(NamedTuple):
-        """The learned tables of a robot.
+        """The learned tables; k is a robot, x its cell, z that of a peer.
 
         Attributes:
-            q_star: Q* [cell][action].
-            updates: how often each action was chosen.
+            q_star: Q* [k, x, action].
+            updates: how often each action was chosen [k, x, action].
             q_coord: Q^C: a row [move] for each joint state with a peer (`pair_key`).
-            samples: windows of the moves and of the joint states [cell][move or 4 + z][COUNT...];
-                with `peers: all` of those with peer j [cell][4 + j cells + z].
+            samples: windows of the moves and of the joint states [k, x, move or 4 + z, COUNT...];
+                with `peers: all` of those with peer j [k, x, 4 + j cells + z, COUNT...].
         """
 
         q_star: Any
@@ -164,9 +164,8 @@ class CQ(Learner):
     ) -> int:
         """Return the move that COORDINATE becomes, which is explored as any other."""
         key = task.keys[k]
-        if task.learning:
-            if draw(key, step, BLIND_EXPLORE) < scheduled(task.epsilon, step):
-                return int(draw(key, step, BLIND_ACTION) * PRIMITIVES)
+        if explores(task, k, step, BLIND_EXPLORE):
+            return int(draw(key, step, BLIND_ACTION) * PRIMITIVES)
         return greedy(values, PRIMITIVES, key, step, MOVE_TIE)
 
     @staticmethod

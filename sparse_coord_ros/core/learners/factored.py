@@ -59,6 +59,7 @@ from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     Values,
+    explores,
     greedy,
     scheduled,
     step_size,
@@ -281,9 +282,8 @@ class Factored(Learner):
         Only after a failed percept the move is explored.
         """
         key = task.keys[k]
-        if seen == 0 and task.learning:
-            if draw(key, step, BLIND_EXPLORE) < scheduled(task.epsilon, step):
-                return int(draw(key, step, BLIND_ACTION) * PRIMITIVES)
+        if seen == 0 and explores(task, k, step, BLIND_EXPLORE):
+            return int(draw(key, step, BLIND_ACTION) * PRIMITIVES)
         move = greedy(values, PRIMITIVES, key, step, MOVE_TIE)
         if seen == 0 or not mind.leaves[k]:
             return move

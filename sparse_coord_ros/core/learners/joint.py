@@ -19,12 +19,12 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import lone_values
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
-    copy_moves,
     greatest,
     joint_state,
     ql_update,
@@ -97,17 +97,8 @@ class Joint(Learner):
             q_coord=table(mind.q_coord.most, alone),
         )
 
-    @staticmethod
-    def asking_values(
-        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
-    ) -> None:
-        """Set the values of Q^C, as Algorithm 1; after a failed percept those of Q*."""
-        if seen == 0:
-            copy_moves(mind.q_star[k, cell], values)
-            return
-        state = joint_state(task, k, cell, seen, cells)
-        row = find(mind.q_coord, k, state)
-        copy_moves(mind.q_coord.values[k, row], values)
+    asking_values = staticmethod(Coop.asking_values)
+    """As Algorithm 1: by Q^C after an answer, else by Q*."""
 
     @staticmethod
     def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:

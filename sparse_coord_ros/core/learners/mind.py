@@ -43,8 +43,12 @@ def team_mind(
         scenario: the problem.
         robots: the robots (from 0) whose parts are wanted; the other parts mean nothing.
         memories: what each of these robots remembers; empty: nothing, they begin to learn.
+
+    Raises:
+        SettingError: there is no room for it in memory.
     """
     minds = [learner.begun(scenario, k) for k in robots]
+    _check_room(learner, scenario, minds)
     kind = type(minds[0])
     team = len(scenario.robots)
     parts = [
@@ -61,16 +65,16 @@ COPIES = 3
 """Of a team's mind: it learns in one, plays trials in another one, and saves a third one."""
 
 
-def check_room(learner: Any, scenario: Scenario) -> None:
-    """Raise `SettingError` where a team remembers more than this machine has room for.
+def _check_room(learner: Any, scenario: Scenario, minds: Sequence[Any]) -> None:
+    """Raise `SettingError` where robots remember more than this machine has room for.
 
     Tables that grow are counted as they begin.
     """
-    needed = COPIES * len(scenario.robots) * _size(learner.begun(scenario, 0))
+    needed = COPIES * sum(map(_size, minds))
     room = free_memory()
     if room is not None and needed > room:
         raise SettingError(
-            f"learner {learner.label}: what {len(scenario.robots)} robots remember on "
+            f"learner {learner.label}: what {len(minds)} robots remember on "
             f"{len(scenario.map.cells)} cells takes {needed / 1e9:.1f} GB, this machine has "
             f"{room / 1e9:.1f} GB left; use fewer robots, a smaller map, or another learner"
         )

@@ -28,7 +28,7 @@ from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 __all__ = ["Task", "Transition", "COORDINATE"]
 # Policies and draws
-__all__ += ["greatest", "greedy", "epsilon_greedy", "draw", "FREE"]
+__all__ += ["greatest", "greedy", "epsilon_greedy", "explores", "draw", "FREE"]
 # Updates
 __all__ += ["ql_update", "step_size", "scheduled", "toward", "reward_of", "copy_moves"]
 # Joint states and their tables
@@ -92,6 +92,18 @@ class Task(NamedTuple):
     blocks: bool
     map_samples: int
     replays: int
+
+
+def of_run(task: Task, keys: np.ndarray) -> Task:
+    """Return the task of one run: what a run writes to is its own.
+
+    Args:
+        task: the task of a team, which several threads may share.
+        keys: robot k's key for `draw` [k].
+    """
+    return task._replace(
+        keys=keys, row=np.zeros(PRIMITIVES), full=np.zeros(1, dtype=np.bool_)
+    )
 
 
 class Transition(NamedTuple):
@@ -185,9 +197,25 @@ def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
         step: the time step t.
     """
     key = task.keys[k]
-    if draw(key, step, EXPLORE) < scheduled(task.epsilon, step):
+    if explores(task, k, step, EXPLORE):
         return int(draw(key, step, EXPLORED_ACTION) * task.actions)
     return greedy(values, len(ACTIONS), key, step, TIE)
+
+
+@jitable
+def explores(task: Task, k: int, step: int, column: int) -> bool:
+    """Return whether a robot explores: with probability epsilon, and only while it learns.
+
+    Args:
+        task: the task.
+        k: the robot.
+        step: the time step t.
+        column: the draw that decides.
+    """
+    return bool(
+        task.learning
+        and draw(task.keys[k], step, column) < scheduled(task.epsilon, step)
+    )
 
 
 @jitable
@@ -200,7 +228,6 @@ def check_action(action: int, count: int) -> None:
         raise IndexError("it chose an action that it does not have")
 
 
-@jitable
 def asks_surely(values: Any) -> Any:
     """Return whether a greedy robot asks here, whatever it draws.
 
@@ -220,7 +247,6 @@ def asks_surely(values: Any) -> Any:
     return asks
 
 
-@jitable
 def asks_at_times(values: Any) -> Any:
     """Return whether a greedy robot may ask: COORDINATE is at least as good as any move.
 

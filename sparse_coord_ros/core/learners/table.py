@@ -133,7 +133,7 @@ def met(rows: Table, task: Any, k: int, key: int) -> int:
 
 
 def grown(rows: Table, needed: int) -> Table:
-    """Return a table with room for so many rows of each robot; a copy."""
+    """Return a table with room for so many rows of each robot: with copies of the rows."""
     team, before = rows.keys.shape
     larger = Table(
         values=np.zeros((team, needed, PRIMITIVES)),

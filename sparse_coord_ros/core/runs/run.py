@@ -18,9 +18,11 @@ from sparse_coord_ros.core.game.world import (
     Position,
     before_episode,
 )
+from sparse_coord_ros.core.learners.agent import Decision, action_of
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, team_mind, with_room
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.rules import of_run
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.history import (
@@ -108,8 +110,7 @@ class LearningRun:
                 cells=tuple(position.cells[k] for k in group.robots),
                 arrived=tuple(position.arrived[k] for k in group.robots),
             )
-            full = np.zeros(1, dtype=np.bool_)
-            self._tasks.append(group.task._replace(keys=keys[ROBOT], full=full))
+            self._tasks.append(of_run(group.task, keys[ROBOT]))
             self._runs.append(run_at(here, keys, team.exploring, max_steps))
             cells = len(self.scenario.map.cells)
             self._records.append(record_of(history, group.robots, cells))
@@ -170,15 +171,15 @@ class LearningRun:
 
     def _action(self, run: loop.Run, place: int, k: int, step: int) -> Action:
         """Return the action of robot k at the last completed time step."""
-        asked = int(run.actions[place]) == COORDINATE
-        peer = -1
-        if asked:
+        decision = Decision(int(run.actions[place]))
+        if decision.action == COORDINATE:
             chance = draw(run.keys[ROBOT, place], step, PEER)
             peers = asked_peers(
                 self.scenario.peers, k, len(self.scenario.robots), chance
             )
-            peer = peers[0] if len(peers) == 1 else -1
-        return Action(int(run.moves[place]), asked, peer, int(run.seen[place]) != 0)
+            decision = Decision(COORDINATE, peers)
+        move = int(run.moves[place])
+        return action_of(decision, move, perceived=bool(run.seen[place] != 0))
 
     @property
     def tables(self) -> list[Tables]:

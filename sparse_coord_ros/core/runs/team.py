@@ -17,12 +17,11 @@ from sparse_coord_ros.core.game.world import FIRST_STEP, Position, before_episod
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import (
     Memory,
-    check_room,
     copied,
     memory_of,
     team_mind,
 )
-from sparse_coord_ros.core.learners.rules import Task
+from sparse_coord_ros.core.learners.rules import Task, of_run
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.measures import TRIAL, TRIALS, Measures
@@ -91,7 +90,6 @@ class Team:
         stop: np.ndarray | None = None,
     ) -> None:
         learner.check(scenario)
-        check_room(learner, scenario)
         self.scenario = scenario
         self.learner = learner
         self.compiled = compiled
@@ -100,11 +98,20 @@ class Team:
         )
         self.stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         self.exploring = probabilities(scenario.starts, scenario.steps)
+        self._problem = problem_of(scenario)
+        self._task = learner.task(scenario)
         self.groups = [
-            Group(robots, own, problem_of(own), learner.task(own, learning=True))
-            for robots, own in groups_of(scenario, learner)
+            self._group(robots, own) for robots, own in groups_of(scenario, learner)
         ]
-        self._trying = (problem_of(scenario), learner.task(scenario))
+
+    def _group(self, robots: Sequence[int], own: Scenario) -> Group:
+        """Return a group of robots; `own` is the scenario of the team, or theirs alone."""
+        problem = self._problem
+        task = self._task
+        if own is not self.scenario:
+            problem = problem_of(own)
+            task = self.learner.task(own)
+        return Group(robots, own, problem, task._replace(learning=True))
 
     def mind(self, group: Group, memories: Sequence[Memory] = ()) -> Any:
         """Return the mind of a group whose robots remember this; empty: before learning."""
@@ -132,8 +139,8 @@ class Team:
         """
         scenario = self.scenario
         robots = range(len(scenario.robots))
-        problem, task = self._trying
         keys = keys_of(seed, EVALUATION, len(robots))
+        task = of_run(self._task, keys[ROBOT])
         position = before_episode(0, FIRST_STEP + EPISODE_GAP, len(robots))
         run = run_at(position, keys, np.zeros(1), scenario.horizon)
         record = blank_record(trials, len(robots), len(scenario.map.cells))
@@ -147,8 +154,8 @@ class Team:
                     progress(part - 1, trials)
                 room = record._replace(length=record.length[:part])
                 self.loop(
-                    problem,
-                    task._replace(keys=keys[ROBOT]),
+                    self._problem,
+                    task,
                     run,
                     mind,
                     room,
