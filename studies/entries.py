@@ -42,8 +42,13 @@ def epsilon_greedy_move(values, task, k, step):
     return greedy(values, PRIMITIVES, task.keys[k], step, GREEDY_MOVE)
 
 
-def check_pair(learner, scenario):
-    """Raise `SettingError` unless there are two robots."""
+def check_seen_pair(learner, scenario):
+    """Raise `SettingError` unless two robots see each other while they learn."""
+    if scenario.peers_seen != "while_learning":
+        raise SettingError(
+            f"setting peers_seen: value is {scenario.peers_seen!r}, allowed with learner "
+            f"{learner.label}: while_learning; leave peers_seen out"
+        )
     if len(scenario.robots) != 2:
         raise SettingError(
             f"learner {learner.label}: scenario {scenario.name} has {len(scenario.robots)} "
@@ -110,7 +115,6 @@ class Gate(sc.Coop):
 
     title = "Joint-state Q, gated"
     summary = "joint-state Q-learning that asks where the answer is worth its cost"
-    sees_all = True
     needs_map = True
     defaults = MappingProxyType(
         {
@@ -118,13 +122,14 @@ class Gate(sc.Coop):
             "starts": "exploring:1:0:0.5",
             "step_size": "floored:0.6:0.1:0.01",
             "credit": "team",
+            "peers_seen": "while_learning",
         }
     )
 
     def check(self, scenario):
-        """Raise `SettingError` unless there are two robots."""
+        """Raise `SettingError` unless two robots see each other while they learn."""
         super().check(scenario)
-        check_pair(self, scenario)
+        check_seen_pair(self, scenario)
 
     @staticmethod
     def move_after_asking(mind, task, k, step, cell, seen, cells, values):
@@ -169,24 +174,28 @@ class Gate(sc.Coop):
 
 
 class GPCQ(sc.CQ):
-    """GPCQ-learning of two robots (Kujirai & Yokota, SICE JCMSI 12(3), 2019): CQ-learning, but
+    """GPCQ-learning of two robots (Kujirai & Yokota, SICE JCMSI 12, 2019).
 
-    - *greedy*: a robot explores in marked joint states only;
-    - *pessimistic*: Q^C(x, z, a) bootstraps on Q^C(y, z', .) where (y, z') is marked, too, and
-      only elsewhere on Q*(y, .). (A row that was never learned equals Q*.)
+    It differs from CQ-learning in two ways:
 
-    Peers are seen while learning, as by the authors' program (github.com/tkujiraski/MARL). What
-    our `cq` does in another way than its authors, this one does, too: docs/related.md.
+    - greedy: a robot explores in marked joint states only;
+    - pessimistic: Q^C(x, z, a) bootstraps on Q^C(y, z', .) where (y, z') is marked, too, and only
+      elsewhere on Q*(y, .). A row that was never learned equals Q*.
+
+    Peers are seen while learning, as by the authors' program (github.com/tkujiraski/MARL), whose
+    greedy moves and updates are these, bit for bit. Windows and marks are those of our `cq`.
     """
 
     title = "GPCQ-learning"
-    summary = "CQ-learning that bootstraps on marked joint states (Kujirai & Yokota, 2019)"
-    sees_all = True
+    summary = (
+        "CQ-learning that bootstraps on marked joint states (Kujirai & Yokota, 2019)"
+    )
+    defaults = MappingProxyType({"peers_seen": "while_learning"})
 
     def check(self, scenario):
-        """Raise `SettingError` unless there are two robots on a small map."""
+        """Raise `SettingError` unless two robots see each other while they learn."""
         super().check(scenario)
-        check_pair(self, scenario)
+        check_seen_pair(self, scenario)
 
     @staticmethod
     def decide(mind, task, k, step, cell):
@@ -204,4 +213,6 @@ class GPCQ(sc.CQ):
     def bootstrap(mind, task, k, cell, now):
         """Return the maximum of Q^C(y, z', .)."""
         state = joint_state(task, k, cell, now.seen, now.next_cells)
-        return greatest(mind.q_coord.values[k, find(mind.q_coord, k, state)], PRIMITIVES)
+        return greatest(
+            mind.q_coord.values[k, find(mind.q_coord, k, state)], PRIMITIVES
+        )

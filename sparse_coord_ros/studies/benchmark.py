@@ -93,7 +93,8 @@ def benchmark(
         - `error`: the standard error of the share: of generated buildings a bootstrap over
           buildings, and teams in each, else that of the teams;
         - `failed`: teams in which some robot fails to arrive in more than one trial of a thousand;
-        - `teams`: all teams.
+        - `teams`: all teams;
+        - `arrived`: the least share of its trials in which a team arrives.
 
     Raises:
         SettingError: no learner; an unknown learner, list or setting; a setting that changes the
@@ -166,7 +167,7 @@ def standing(
     """
     found = {"list": name, "learner": learner, "share": None, "error": None}
     if not results:
-        return {**found, "failed": 0, "teams": 0}
+        return {**found, "failed": 0, "teams": 0, "arrived": None}
     learned = [one.measures.each("returns") for one in results]
     low = np.array([one.shortest_paths.mean("returns") for one in results])
     high = np.array([_top(one) for one in results])
@@ -180,6 +181,7 @@ def standing(
         "error": error,
         "failed": sum(one.measures.failed for one in results),
         "teams": sum(one.runs for one in results),
+        "arrived": min(float(one.measures.arrived.min()) for one in results),
     }
 
 

@@ -163,7 +163,7 @@ def test_learners_are_judged():
 def test_who_cannot_learn_a_list_has_no_share_there():
     [found] = sc.benchmark("joint", **{**FEW, "lists": ["tuning-four"]})
     assert found["share"] is None
-    assert row_of(found) == ["tuning-four", "joint", "-", "-"]
+    assert row_of(found) == ["tuning-four", "joint", "-", "-", "-"]
 
 
 @pytest.mark.usefixtures("short_lists")
