@@ -144,11 +144,13 @@ def by_agents(scenario, learner, seed):
             for k in members:
                 choices[k] = chosen(agents[k], world, percepts)
             actions = [None if choice is None else choice.action for choice in choices]
+            before = tuple(world.cells)
             outcome = world.advance(actions)
+            team = (before, tuple(world.cells))
             for agent, choice in zip(agents, choices, strict=True):
                 if choice is not None:
                     reward = outcome.rewards[agent.number]
-                    agent.learn(step, choice, reward, world.cells[agent.number])
+                    agent.learn(step, choice, reward, world.cells[agent.number], team)
             recorder.add(world.episode, step, actions, outcome)
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()

@@ -126,6 +126,17 @@ INTERACTIONS = {
 }
 """Robots that exchange cells and stop each other."""
 
+PEERS_SEEN = {
+    "peers seen, coop": ("env1", "coop", {"perception": "probability:0.7"}),
+    "three, peers seen": (
+        "crowd-3r",
+        "coop",
+        {"peers": "all", "perception": "probability:0.7"},
+    ),
+    "four, peers seen": ("env2-4r", "cq", {"max_steps": 30}),
+}
+"""Robots that learn from the cells of all their peers."""
+
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),
     "noncoop, as shipped": ("env1", "noncoop"),
@@ -149,6 +160,9 @@ def cases():
         found[name] = (scenario, learner, chosen)
     for name, (scenario, learner, settings) in (OUTSIDERS | INTERACTIONS).items():
         found[name] = (scenario, learner, GIVEN | settings)
+    for name, (scenario, learner, settings) in PEERS_SEEN.items():
+        chosen = {"peers_seen": "while_learning", **settings}
+        found[name] = (scenario, learner, GIVEN | chosen)
     found["one's own"] = ("env1", Forgetful, GIVEN)
     for name, (scenario, learner) in SHIPPED.items():
         found[name] = (scenario, learner, {"steps": 2000})
@@ -295,10 +309,10 @@ SOME = {
 def matrix():
     """Return each case with each way that can compute it."""
     found = []
-    for case, (_, learner, _) in CASES.items():
-        ways = [way for way in EVERYWHERE if learner != "joint" or way is not agents]
-        ways += [way for way, named in SOME.items() if case in named]
-        found += [pytest.param(case, way, id=f"{case}, {way.__name__}") for way in ways]
+    for case in CASES:
+        some = [way for way, named in SOME.items() if case in named]
+        for way in (*EVERYWHERE, *some):
+            found.append(pytest.param(case, way, id=f"{case}, {way.__name__}"))
     return found
 
 

@@ -80,6 +80,11 @@ INITIAL_VALUES = ("q_star_init", "q_coord_init")
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
 
+WHEN_ASKED = "when_asked"
+WHILE_LEARNING = "while_learning"
+"""What a robot that learns knows of its peers' cells: those in answers, as in Algorithm 1; or all
+in every step. It acts by answers alone in both cases."""
+
 LARGEST_DENSE = 2**24
 """Bytes of one robot's Q^C up to which users see it as an array: a pair's on 724 cells."""
 
@@ -95,7 +100,7 @@ DIALOGUE_SETTINGS = ("perception", "peers")
 PROTOCOL = (
     *("steps", "max_steps", "starts", "step_size", "epsilon"),
     *("q_star_init", "q_coord_init", "goal_value", "credit"),
-    *("prior", "prior_success"),
+    *("prior", "prior_success", "peers_seen"),
 )
 """The settings that say how robots learn; the others say what they play."""
 
@@ -198,6 +203,12 @@ class Scenario:
         "ever, 0 = a single payment",
         low=-LARGEST,
         high=LARGEST,
+    )
+    peers_seen: str = setting(
+        WHEN_ASKED,
+        "which cells of peers a robot learns from: those in answers, or those of all peers in "
+        "every step; it chooses its actions by answers alone",
+        choices=(WHEN_ASKED, WHILE_LEARNING),
     )
     given: frozenset[str] = field(default=frozenset(), compare=False)
 

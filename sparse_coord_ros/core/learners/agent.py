@@ -6,7 +6,7 @@ Robot nodes, the verification of logs, films and PettingZoo's tests drive this o
 of `core.runs.loop` call the same functions for all robots of a team.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from sparse_coord_ros.core.learners.rules import (
     NOT_PERCEIVED,
     Transition,
     check_action,
+    everybody_but,
     greedy,
     scheduled,
 )
@@ -179,7 +180,19 @@ class Agent:
         check_action(move, PRIMITIVES)
         return action_of(decision, move, perceived=perceived is not None)
 
-    def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
+    @property
+    def sees_all(self) -> bool:
+        """Whether it learns from the cells of all peers in every step."""
+        return self.learning and self.task.sees_all
+
+    def learn(
+        self,
+        step: int,
+        choice: Choice,
+        reward: Reward,
+        next_cell: int,
+        team: tuple[Sequence[int], Sequence[int]] | None = None,
+    ) -> None:
         """Learn from a transition (Algorithm 1, lines 12 to 18).
 
         Args:
@@ -187,11 +200,18 @@ class Agent:
             choice: what it did there.
             reward: R_k(t) in its parts.
             next_cell: X_k(t+1).
+            team: the cells of all robots at t and at t+1; only needed if it sees all.
         """
         if not self.learning:
             return
         cell, decision, action, perceived = choice
-        seen, cells = self._percept(cell, decision.peers, perceived)
+        if self.task.sees_all:
+            assert team is not None
+            seen = everybody_but(self.number, self.task.robots)
+            cells, next_cells = team
+        else:
+            seen, cells = self._percept(cell, decision.peers, perceived)
+            next_cells = cells
         now = Transition(
             step=step,
             cell=cell,
@@ -200,7 +220,7 @@ class Agent:
             seen=seen,
             cells=cells,
             next_cell=next_cell,
-            next_cells=cells,
+            next_cells=next_cells,
             individual=reward.individual,
             common=reward.common,
             asking=reward.ask_cost,

@@ -13,7 +13,7 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
-from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.scenario import WHILE_LEARNING, Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import known_q_star
@@ -53,8 +53,15 @@ class Coop(Learner):
         q_coord: Table
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `SettingError` if there are too many joint states to number."""
+        """Raise `SettingError` where joint states have no number, or too many."""
         super().check(scenario)
+        peers = len(scenario.robots) - 1
+        if scenario.peers_seen == WHILE_LEARNING and scenario.perceived - 1 < peers:
+            raise SettingError(
+                f"setting peers: value is 'one', allowed with learner {self.label}, "
+                f"peers_seen={WHILE_LEARNING} and {peers} peers: all, as it learns from the "
+                "joint states of all robots; set peers=all"
+            )
         cells = len(scenario.map.cells)
         if cells**scenario.perceived >= MOST_JOINT_STATES:
             raise SettingError(

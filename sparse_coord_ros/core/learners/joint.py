@@ -11,13 +11,14 @@ sees the next joint state:
 Every step costs a question. COORDINATE stands above all moves in every cell.
 """
 
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.scenario import WHILE_LEARNING, Scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.learner import Learner
@@ -42,8 +43,8 @@ class Joint(Learner):
     name = "joint"
     title = "Joint-state Q"
     summary = "Q-learning of two robots on the joint state, which both always know"
-    sees_all = True
     needs_map = True
+    defaults = MappingProxyType({"peers_seen": WHILE_LEARNING})
 
     class Mind(NamedTuple):
         """The learned tables of a robot.
@@ -61,6 +62,12 @@ class Joint(Learner):
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` unless two robots know their map and can always see each other."""
         super().check(scenario)
+        if scenario.peers_seen != WHILE_LEARNING:
+            raise SettingError(
+                f"setting peers_seen: value is {scenario.peers_seen!r}, allowed with learner "
+                f"{self.label}: {WHILE_LEARNING}, as it learns from joint states; leave "
+                "peers_seen out"
+            )
         sees = scenario.perception.kind == "always"
         if len(scenario.robots) != 2 or scenario.sparse or not sees:
             raise SettingError(

@@ -26,7 +26,12 @@ from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
 from sparse_coord_ros.core.game.interactions import interactions_of
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
-from sparse_coord_ros.core.game.scenario import INITIAL_VALUES, SETTINGS, Scenario
+from sparse_coord_ros.core.game.scenario import (
+    INITIAL_VALUES,
+    SETTINGS,
+    WHILE_LEARNING,
+    Scenario,
+)
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
@@ -167,7 +172,7 @@ HOOKS = (
 )
 """The functions of a learner that its loop, its robots and its files call."""
 
-OF_THE_LOOP = (*HOOKS, "sees_all", "partners")
+OF_THE_LOOP = (*HOOKS, "partners")
 """What a loop has of a learner's class."""
 
 
@@ -181,8 +186,6 @@ class Learner:
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
             Such a learner cannot run live.
-        sees_all: whether its robots see all others in every step, asked or not. Such a learner
-            cannot run live either.
         partners: whether it uses the peers with which a robot interacted
             (`Transition.partners`).
         rules_out: whether it uses `Task.sight` to rule out cells of a peer after a failed percept.
@@ -204,7 +207,6 @@ class Learner:
     summary: str = ""
     asks: bool = True
     alone: bool = False
-    sees_all: bool = False
     partners: bool = False
     rules_out: bool = False
     needs_map: bool = False
@@ -380,8 +382,8 @@ class Learner:
 
     @property
     def runs_live(self) -> bool:
-        """True if its robots learn together and each for itself, as nodes do."""
-        return not (self.alone or self.sees_all)
+        """True if its robots learn together, as nodes do."""
+        return not self.alone
 
     def __repr__(self) -> str:
         """Return the learner's name in files."""
@@ -474,6 +476,7 @@ class Learner:
             step_sizes=sizes.by_count,
             floors=sizes.by_step,
             learning=learning,
+            sees_all=scenario.peers_seen == WHILE_LEARNING,
             keys=keys_of(seed, phase, len(scenario.robots))[ROBOT],
             row=np.zeros(PRIMITIVES),
             full=np.zeros(1, dtype=np.bool_),

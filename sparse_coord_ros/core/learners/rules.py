@@ -61,6 +61,8 @@ class Task(NamedTuple):
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
         floors: least step size [time step]; likewise.
         learning: whether the robots learn; if not, they act greedily.
+        sees_all: whether a robot learns from the cells of all peers in every step, asked or not:
+            the setting `peers_seen`.
         keys: robot k's key for `draw` [k].
         row: space for a row [move].
         full: set where a table needs room [0].
@@ -84,6 +86,7 @@ class Task(NamedTuple):
     step_sizes: Any
     floors: Any
     learning: bool
+    sees_all: bool
     keys: Any
     row: Any
     full: Any
@@ -114,10 +117,11 @@ class Transition(NamedTuple):
         cell: X_k(t).
         action: A_k(t), as of `core.game.actions`.
         move: the primitive action that it became.
-        seen: the peers that were perceived, the sum of 2^j; 0: none.
-        cells: the cells of all robots at t; of peers only those that were perceived are known.
+        seen: the peers whose cells it knows, the sum of 2^j; 0: none. They are those that it
+            perceived; with `task.sees_all` all peers.
+        cells: the cells of all robots at t; those of peers that are not seen mean nothing.
         next_cell: X_k(t+1).
-        next_cells: the cells of all robots at t+1, of learners that always see all.
+        next_cells: the cells of all robots at t+1, with `task.sees_all`; else they mean nothing.
         individual: r^I_k.
         common: r^C.
         asking: minus the cost of asking; or 0.
@@ -357,6 +361,12 @@ def copy_moves(source: Values, target: Any) -> None:
 
 
 # Joint states.
+
+
+@jitable
+def everybody_but(k: int, robots: int) -> int:
+    """Return all peers of robot k, as the sum of 2^j."""
+    return ((1 << robots) - 1) & ~(1 << k)
 
 
 @jitable

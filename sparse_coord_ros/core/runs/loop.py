@@ -31,6 +31,7 @@ from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     check_action,
+    everybody_but,
     greedy,
     scheduled,
 )
@@ -130,12 +131,6 @@ def move_all(problem: Problem, run: Run) -> bool:
     return miscoordinates(problem.interactions, run.before, run.cells)
 
 
-@jitable
-def everybody_but(k: int, team: int) -> int:
-    """Return all robots but one, as the sum of 2^j."""
-    return ((1 << team) - 1) & ~(1 << k)
-
-
 @functools.cache
 def loop_of(learner: Any) -> Callable[..., None]:
     """Return the loop of a learner, in plain Python."""
@@ -145,7 +140,6 @@ def loop_of(learner: Any) -> Callable[..., None]:
     move_after_asking = learner.move_after_asking
     bootstrap = learner.bootstrap
     learn = learner.learn
-    sees_all = learner.sees_all
     wants_partners = learner.partners
 
     def loop(
@@ -232,7 +226,7 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 asking = asking_reward(problem, run.actions[k] == COORDINATE)
                 if task.learning:
                     seen = int(run.seen[k])
-                    if sees_all:
+                    if task.sees_all:
                         seen = everybody_but(k, team)
                     met = UNKNOWN_PARTNERS
                     if wants_partners:

@@ -33,6 +33,7 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
+    WHILE_LEARNING,
     Scenario,
     load_scenario,
     scenario_names,
@@ -470,7 +471,7 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     scenario = load_scenario(values["scenario"]).with_settings(_settings_in(values))
     allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
-    if not run.rule.runs_live:
+    if not run.rule.runs_live or run.scenario.peers_seen == WHILE_LEARNING:
         how = (
             "with one robot at a time"
             if run.rule.alone
