@@ -101,6 +101,9 @@ TUNED_ON = {
 }
 """The lists of the leaderboard; the buildings and games by which protocols are chosen for each."""
 
+HEADS = ("entry", "peers seen", "share of the gap", "failed teams", "least arrival")
+HEADS += ("steps to 90 %", "seconds a run")
+
 BUDGETS = (2_000, 5_000, 10_000, 30_000)
 """Steps that are tried before the whole budget."""
 
@@ -125,9 +128,8 @@ def judge(options) -> None:
             rows.append((title, *row_of(name, learner, own | chosen, options)))
         rows.sort(key=lambda row: -row[1])
         print(f"\n**{name}**\n")
-        print("| entry | share of the gap | failed teams | least arrival | ", end="")
-        print("steps to 90 % | seconds a run |")
-        print("| :-- | --: | --: | --: | --: | --: |")
+        print("| " + " | ".join(HEADS) + " |")
+        print("| :-- | :-- |" + " --: |" * (len(HEADS) - 2))
         for title, _, *cells in rows:
             print("| " + " | ".join([title, *cells]) + " |", flush=True)
 
@@ -149,7 +151,7 @@ def row_of(name, learner, settings: dict[str, object], options) -> tuple:
 
     whole = standing(options.steps)
     if whole["share"] is None:
-        return (-np.inf, *["-"] * 5)
+        return (-np.inf, *["-"] * (len(HEADS) - 1))
     enough = f"> {options.steps:,}"
     if whole["share"] >= NEARLY_ALL:
         fewer = [steps for steps in BUDGETS if steps < options.steps]
@@ -157,6 +159,7 @@ def row_of(name, learner, settings: dict[str, object], options) -> tuple:
         enough = f"{next(reach, options.steps):,}"
     return (
         whole["share"],
+        whole["peers_seen"],
         f"{percent(whole['share'])} ({100 * whole['error']:.1f})",
         f"{whole['failed']} of {whole['teams']}",
         percent(whole["arrived"]),

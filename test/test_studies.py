@@ -94,7 +94,7 @@ def test_the_leaderboard_tunes_and_judges(study, tmp_path):
     settings = ["prior", "credit", "epsilon", "step_size", "starts"]
     assert list(tuned["crowds"]["coop"]) == settings
     tables = study(script, lists).stdout
-    assert "\n| coop | " in tables and "\n| GPCQ | - | - | - | - | - |\n" in tables
+    assert "\n| coop | " in tables and "\n| GPCQ | - | - | - | - | - | - |\n" in tables
 
 
 def test_a_list_without_tuned_protocols(study, tmp_path):
