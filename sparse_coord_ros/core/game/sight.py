@@ -39,10 +39,10 @@ class Sight(NamedTuple):
     constant: float
     reach: int
     columns: int
-    squares: np.ndarray
-    free: np.ndarray
-    table: np.ndarray
-    everywhere: np.ndarray
+    squares: Any
+    free: Any
+    table: Any
+    everywhere: Any
 
 
 BLIND = Sight(
@@ -105,17 +105,10 @@ def probability(sight: Sight, x: int, z: int) -> float:
     """Return the probability that a percept succeeds."""
     if sight.kind == CONSTANT:
         return sight.constant
-    return _by_place(sight, x, z)
-
-
-@jitable
-def _by_place(sight: Sight, x: int, z: int) -> float:
-    """As `probability`, for models that depend on the cells."""
     if sight.kind == TABLE:
-        found: float = sight.table[x, z]
-        return found
-    here = int(sight.squares[x])
-    there = int(sight.squares[z])
+        return sight.table[x, z]
+    here = sight.squares[x]
+    there = sight.squares[z]
     if sight.kind == LINE_OF_SIGHT:
         return 1.0 if is_in_sight(sight.free, sight.columns, here, there) else 0.0
     rows = there // sight.columns - here // sight.columns

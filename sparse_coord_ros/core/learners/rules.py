@@ -24,6 +24,7 @@ from sparse_coord_ros.core.game.draws import (
     draw,
 )
 from sparse_coord_ros.core.game.sight import Sight
+from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 __all__ = ["Task", "Transition", "COORDINATE"]
@@ -55,8 +56,7 @@ class Task(NamedTuple):
         goal_value: value of being at the goal while learning.
         goal_reward: r^I on arrival.
         ask_cost: the cost of asking.
-        weights: how much the individual part, the common part and the cost of asking of a reward
-            count in learning [3].
+        weights: how much each part of a reward counts in learning.
         epsilon: probability of an explored action [time step]; after its end the last one holds.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
         floors: least step size [time step]; likewise.
@@ -81,7 +81,7 @@ class Task(NamedTuple):
     goal_value: float
     goal_reward: float
     ask_cost: float
-    weights: Any
+    weights: RewardWeights
     epsilon: Any
     step_sizes: Any
     floors: Any
@@ -313,9 +313,8 @@ def reward_of(task: Task, now: Transition) -> float:
         now: the transition.
     """
     weights = task.weights
-    return float(
-        weights[0] * now.individual + weights[1] * now.common + weights[2] * now.asking
-    )
+    own = weights.individual * now.individual
+    return own + weights.common * now.common + weights.ask_cost * now.asking
 
 
 @jitable
@@ -381,9 +380,9 @@ def joint_state(task: Task, k: int, cell: int, seen: int, cells: Any) -> int:
         cells: the cells of all robots.
     """
     if task.robots == 2:
-        return cell * task.cells + int(cells[1 - k])
+        return cell * task.cells + cells[1 - k]
     key = cell
     for j in range(task.robots):
         if (seen >> j) & 1:
-            key = key * task.cells + int(cells[j])
+            key = key * task.cells + cells[j]
     return key
