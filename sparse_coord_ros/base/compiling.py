@@ -165,7 +165,7 @@ def viewed(value: Any) -> Any:
     `memoryview(a)[k, x]` is a number of Python. It takes a fourth of the time of `int(a[k, x])`.
     """
     if isinstance(value, np.ndarray):
-        return memoryview(value)
+        return memoryview(value.data)
     if isinstance(value, tuple):
         return type(value)(*map(viewed, value))
     return value

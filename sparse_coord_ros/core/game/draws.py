@@ -68,7 +68,7 @@ def draw(key: int, step: int, column: int) -> float:
         step: the time step, from 0.
         column: which draw of the time step, from 0 to COLUMNS - 1.
     """
-    counter = step * COLUMNS + column + 1
+    counter = int(step) * COLUMNS + column + 1
     return ((mixed(int(key) + counter * _GOLDEN) >> 11) & _BITS_53) * _UNIT
 
 

@@ -53,6 +53,7 @@ class Problem(NamedTuple):
         goal_reward: r^I at the goal.
         ask_cost: cost of COORDINATE.
         discount: gamma.
+        goal_total: the sum of what the goal pays from the arrival on, for ever.
     """
 
     starts: Any
@@ -68,6 +69,7 @@ class Problem(NamedTuple):
     goal_reward: float
     ask_cost: float
     discount: float
+    goal_total: float
 
 
 def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
@@ -97,6 +99,7 @@ def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
         goal_reward=scenario.goal_reward,
         ask_cost=scenario.ask_cost,
         discount=scenario.discount,
+        goal_total=scenario.goal_reward / (1.0 - scenario.discount),
     )
 
 
@@ -114,15 +117,17 @@ def start_of(problem: Problem, keys: Any, k: int, step: int, exploring: float) -
     key = keys[ENVIRONMENT, k]
     if exploring > 0.0 and draw(key, step, START) < exploring:
         pick = int(draw(key, step, START_CELL) * problem.start_counts[k])
-        return problem.start_cells[k, pick]
-    return problem.starts[k]
+        chosen: int = problem.start_cells[k, pick]
+        return chosen
+    start: int = problem.starts[k]
+    return start
 
 
 @jitable
 def led(problem: Problem, keys: Any, k: int, step: int, cell: int, move: int) -> int:
     """Return the cell in which a move of robot k ends: where it leads, or the same cell."""
     if draw(keys[ENVIRONMENT, k], step, MOTION) < problem.move_success:
-        return problem.next_cell[cell, move]
+        cell = problem.next_cell[cell, move]
     return cell
 
 
@@ -177,12 +182,6 @@ def rewards_of(
 
 
 @jitable
-def goal_paid(problem: Problem, factor: float) -> float:
-    """Return the total that the goal pays from the arrival on, for ever, times a factor."""
-    return factor * problem.goal_reward / (1.0 - problem.discount)
-
-
-@jitable
 def paid_for_ever(
     problem: Problem, arrives: bool, common: float, ask_cost: float
 ) -> float:
@@ -197,5 +196,5 @@ def paid_for_ever(
         common: r^C of the step, as of `rewards_of`.
         ask_cost: minus the cost of asking, likewise.
     """
-    goal = goal_paid(problem, 1.0) if arrives else 0.0
+    goal = problem.goal_total if arrives else 0.0
     return goal + common + ask_cost

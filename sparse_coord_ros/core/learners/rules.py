@@ -191,6 +191,13 @@ def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
 
 
 @jitable
+def greedy_action(mind: Any, task: Task, k: int, step: int, cell: int) -> int:
+    """Return A_k(t) of a robot that does not learn: the greedy action by Q*."""
+    values = mind.q_star[k, cell]
+    return greedy(values, len(ACTIONS), task.keys[k], step, TIE)
+
+
+@jitable
 def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4).
 
@@ -273,7 +280,9 @@ def scheduled(values: Any, step: int) -> float:
         values: a number for each time step: `task.epsilon` or `task.floors`.
         step: the time step t.
     """
-    return float(values[min(step, len(values) - 1)])
+    if step < len(values):
+        return float(values[step])
+    return float(values[-1])
 
 
 @jitable
@@ -340,7 +349,7 @@ def ql_update(
         reward: r.
         after: max_b' Q'(y, b'), or the value of the goal.
     """
-    count = int(updates[b]) + 1
+    count = updates[b] + 1
     updates[b] = count
     alpha = step_size(task, count, step)
     target = reward + task.discount * after
@@ -379,8 +388,6 @@ def joint_state(task: Task, k: int, cell: int, seen: int, cells: Any) -> int:
         seen: the peers that it perceives, the sum of 2^j.
         cells: the cells of all robots.
     """
-    if task.robots == 2:
-        return cell * task.cells + cells[1 - k]
     key = cell
     for j in range(task.robots):
         if (seen >> j) & 1:

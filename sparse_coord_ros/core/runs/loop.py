@@ -11,15 +11,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.compiling import jit, jitable, viewed
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import TIE
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
     Problem,
     episode_ends,
-    goal_paid,
     led,
     perceive,
     rewards_of,
@@ -31,7 +29,7 @@ from sparse_coord_ros.core.learners.rules import (
     Transition,
     check_action,
     everybody_but,
-    greedy,
+    greedy_action,
     scheduled,
 )
 
@@ -101,7 +99,7 @@ class Record(NamedTuple):
 
 
 @jitable
-def begin(problem: Problem, run: Run, record: Record) -> None:
+def begin(problem: Problem, run: Run) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     step = run.clock[STEP]
     exploring = scheduled(run.exploring, step)
@@ -110,20 +108,6 @@ def begin(problem: Problem, run: Run, record: Record) -> None:
         run.arrived[k] = False
     run.clock[EPISODE_START] = step
     run.clock[UNDER_WAY] = True
-    record.first_step[record.used[0]] = step
-    record.used[0] += 1
-
-
-@jitable
-def move_all(problem: Problem, run: Run) -> bool:
-    """Move every robot; return whether the step is a miscoordination."""
-    step = run.clock[STEP]
-    for k in range(len(run.cells)):
-        if not run.arrived[k]:
-            run.cells[k] = led(problem, run.keys, k, step, run.before[k], run.moves[k])
-        run.wanted[k] = run.cells[k]
-    settle(problem.interactions, run.before, run.cells)
-    return miscoordinates(problem.interactions, run.before, run.cells)
 
 
 @functools.cache
@@ -169,7 +153,9 @@ def loop_of(learner: Any) -> Callable[..., None]:
             if not clock[UNDER_WAY]:
                 if record.used[0] == len(record.length):
                     return
-                begin(problem, run, record)
+                begin(problem, run)
+                record.first_step[record.used[0]] = clock[STEP]
+                record.used[0] += 1
                 factor = 1.0
                 for k in range(team):
                     begin_episode(mind, task, k)
@@ -177,26 +163,26 @@ def loop_of(learner: Any) -> Callable[..., None]:
             row = record.used[0] - 1
             elapsed = step + 1 - clock[EPISODE_START]
 
-            # Each robot chooses (lines 4 to 10).
+            # Each robot chooses a move, and makes it (lines 4 to 10).
             for k in range(team):
-                cell = cells[k]
-                before[k] = cell
+                before[k] = cells[k]
+            for k in range(team):
                 if run.arrived[k]:
                     continue
+                cell = before[k]
                 if task.learning:
                     action = decide(mind, task, k, step, cell)
                     check_action(action, task.actions)
                 else:
-                    values = mind.q_star[k, cell]
-                    action = greedy(values, len(ACTIONS), task.keys[k], step, TIE)
+                    action = greedy_action(mind, task, k, step, cell)
                     record.stays[k, cell] += 1
                 move = action
                 seen = 0
                 if action == COORDINATE:
-                    seen = perceive(problem, run.keys, k, step, cells)
-                    asking_values(mind, task, k, cell, seen, cells, task.row)
+                    seen = perceive(problem, run.keys, k, step, before)
+                    asking_values(mind, task, k, cell, seen, before, task.row)
                     move = move_after_asking(
-                        mind, task, k, step, cell, seen, cells, task.row
+                        mind, task, k, step, cell, seen, before, task.row
                     )
                     check_action(move, PRIMITIVES)
                     record.asks[row, k] += 1
@@ -205,9 +191,13 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 run.actions[k] = action
                 run.moves[k] = move
                 run.seen[k] = seen
+                cells[k] = led(problem, run.keys, k, step, cell, move)
 
-            # The team moves; each robot has its reward, and learns (lines 11 to 18).
-            conflict = move_all(problem, run)
+            # Robots stop each other; each one has its reward, and learns (lines 11 to 18).
+            for k in range(team):
+                run.wanted[k] = cells[k]
+            settle(problem.interactions, before, cells)
+            conflict = miscoordinates(problem.interactions, before, cells)
             record.length[row] += 1
             record.miscoordinations[row] += conflict
             over = True
@@ -220,7 +210,7 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 individual, common, asking = rewards
                 if not task.learning:
                     if home:
-                        individual = goal_paid(problem, 1.0)
+                        individual = problem.goal_total
                     reward = individual + common + asking
                     record.returns[row, k] += factor * reward
                 elif acts:
