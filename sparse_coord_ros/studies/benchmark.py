@@ -95,7 +95,8 @@ def benchmark(
         - `error`: the standard error of the share: of generated buildings a bootstrap over
           buildings, and teams in each, else that of the teams;
         - `failed`: teams in which some robot fails to arrive in more than one trial of a thousand;
-        - `teams`: all teams.
+        - `teams`: all teams;
+        - `arrived`: the least share of its trials in which a team arrives.
 
     Raises:
         SettingError: no learner; an unknown learner, list or setting; a setting that changes the
@@ -168,7 +169,7 @@ def standing(
     """
     found = {"list": name, "learner": learner}
     if not results:
-        none = dict.fromkeys(("peers_seen", "share", "error"))
+        none = dict.fromkeys(("peers_seen", "share", "error", "arrived"))
         return {**found, **none, "failed": 0, "teams": 0}
     learned = [one.measures.each("returns") for one in results]
     low = np.array([one.shortest_paths.mean("returns") for one in results])
@@ -184,6 +185,7 @@ def standing(
         "error": error,
         "failed": sum(one.measures.failed for one in results),
         "teams": sum(one.runs for one in results),
+        "arrived": min(float(one.measures.arrived.min()) for one in results),
     }
 
 

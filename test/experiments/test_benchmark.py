@@ -164,7 +164,7 @@ def test_learners_are_judged():
 def test_who_cannot_learn_a_list_has_no_share_there():
     [found] = sc.benchmark("joint", **{**FEW, "lists": ["tuning-four"]})
     assert found["share"] is None
-    assert row_of(found) == ["tuning-four", "joint", "-", "-", "-"]
+    assert row_of(found) == ["tuning-four", "joint", *["-"] * 4]
 
 
 @pytest.mark.usefixtures("short_lists")
