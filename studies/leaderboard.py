@@ -1,59 +1,108 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The leaderboard: learners, each with its tuned settings, in all lists. docs/leaderboard.md.
+"""The leaderboard: learners, each with its tuned protocol, in all lists. docs/leaderboard.md.
 
-python studies/leaderboard.py [--lists LIST...] [--runs N] [--trials N] [--steps N] [--seed N]
+python studies/leaderboard.py [--lists LIST...] [--entries ENTRY...] [--runs N] [--seed N]
 python studies/leaderboard.py --tune --runs 6 --seed 3100000
 
-It prints a table: the share of the gap of each entry in each list, failed teams, the least
-number of steps that closes 90 % of the gap, and processor seconds of a learning run. `--tune`
-prints the twelve trials by which the settings of each learner were chosen, on buildings that no
-list of the leaderboard has. The upper bounds of larger teams come with the package:
-studies/group_bound.py computes them.
+It prints a table of each list in Markdown: the share of the gap of each entry, failed teams and
+the least arrival of a team, the least number of steps that closes 90 % of the gap, and processor
+seconds of a learning run.
+
+`--tune` tries the same twenty protocols for each learner, and writes the one with the greatest
+mean return to studies/tuned.yaml: for each list by buildings that no list of the leaderboard has.
+The upper bounds of larger teams come with the package: studies/group_bound.py computes them.
 """
 
 import argparse
 import sys
 import time
+from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import yaml
+from entries import GPCQ, Always, Gate
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.core.learners.hysteretic import (
-    Hysteretic,
-    hysteretic_update,
-)
-
-LISTS = [
-    *("paper", "crowds", "unseen2-pairs", "unseen2-four", "unseen2-eight"),
-    *("swap-pairs", "block-pairs", "percepts"),
-]
-
-LIKE_FACTORED = {
-    "epsilon": "linear:0.3:0.02:0.8",
-    "starts": "exploring:1:0:0.5",
-    "step_size": "floored:0.6:0.1:0.01",
-}
-TEXTBOOK = {
-    "q_star_init": 0,
-    "epsilon": "constant:0.1",
-    "step_size": "constant:0.1",
-    "starts": "fixed",
-}
-"""Plain Q-learning: values begin at 0, everything else stays as it is."""
+from sparse_coord_ros.base.errors import SettingError, SparseCoordError
+from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.studies.lists import LISTS, PENALTY, items_of
 
 ENTRIES = {
-    "factored": ("factored", {"starts": "exploring:1:0:0.3"}),
-    "coop, tuned": ("coop", {**LIKE_FACTORED, "credit": "team"}),
-    "coop, the defaults": ("coop", {}),
-    "cq, all peers": ("cq", {"peers": "all", "starts": "exploring:1:0:0.5"}),
-    "joint": ("joint", {"step_size": "constant:0.1"}),
-    "hysteretic": ("hysteretic", LIKE_FACTORED),
-    "independent, tuned": ("noncoop", LIKE_FACTORED),
-    "independent, as its users start it": ("noncoop", TEXTBOOK),
+    "factored": ("factored", {}),
+    "coop": ("coop", {}),
+    "always asks": (Always, {}),
+    "cq": ("cq", {"peers": "all"}),
+    "GPCQ": (GPCQ, {}),
+    "joint": ("joint", {}),
+    "joint, gated": (Gate, {}),
+    "hysteretic": ("hysteretic", {}),
+    "independent": ("noncoop", {}),
 }
-"""Learner and settings, by the entry's title."""
+"""Learner and its own settings, by the entry's title; studies/tuned.yaml has the others."""
+
+UNTUNED = {
+    "coop, the defaults": ("coop", {}),
+    "independent, as its users start it": (
+        "noncoop",
+        {
+            "q_star_init": 0,
+            "epsilon": "constant:0.1",
+            "step_size": "constant:0.1",
+            "starts": "fixed",
+        },
+    ),
+}
+
+PROTOCOLS = """
+none own  linear:0.15:0.02:0.8 floored:0.5:0.1:0.01 exploring:1:0.2:0.5
+none team linear:0.15:0.02:0.8 floored:0.5:0.1:0.01 exploring:1:0:0.5
+none own  linear:0.15:0.02:0.8 constant:0.1         exploring:1:0.2:0.5
+none team linear:0.15:0.02:0.8 constant:0.1         exploring:1:0:0.5
+none team linear:0.3:0.02:0.8  floored:0.5:0.1:0.01 exploring:1:0.2:0.5
+none own  linear:0.3:0.02:0.8  floored:0.6:0.1:0.01 exploring:1:0.2:0.5
+none team linear:0.3:0.02:0.8  floored:0.6:0.1:0.01 exploring:1:0:0.5
+none own  linear:0.05:0.02:0.8 floored:0.5:0.1:0.01 exploring:1:0:0.5
+none own  linear:0.05:0.02:0.8 floored:0.6:0.1:0.01 exploring:1:0:0.5
+none team linear:0.05:0.02:0.8 constant:0.1         exploring:1:0.2:0.5
+map  team linear:0.15:0.02:0.8 floored:0.6:0.1:0.01 exploring:1:0.2:0.5
+map  own  linear:0.15:0.02:0.8 floored:0.6:0.1:0.01 exploring:1:0:0.5
+map  own  linear:0.15:0.02:0.8 constant:0.1         exploring:1:0:0.5
+map  own  linear:0.3:0.02:0.8  floored:0.5:0.1:0.01 exploring:1:0.2:0.5
+map  own  linear:0.3:0.02:0.8  constant:0.1         exploring:1:0:0.5
+map  team linear:0.3:0.02:0.8  constant:0.1         exploring:1:0:0.5
+map  team linear:0.05:0.02:0.8 floored:0.5:0.1:0.01 exploring:1:0.2:0.5
+map  team linear:0.05:0.02:0.8 floored:0.5:0.1:0.01 exploring:1:0:0.5
+map  team linear:0.05:0.02:0.8 floored:0.6:0.1:0.01 exploring:1:0.2:0.5
+map  own  linear:0.05:0.02:0.8 constant:0.1         exploring:1:0.2:0.5
+""".strip().splitlines()
+"""Values of `NAMES`. Each value stands in about as many lines, also beside each other value."""
+
+NAMES = ("prior", "credit", "epsilon", "step_size", "starts")
+
+TUNED = Path(__file__).with_name("tuned.yaml")
+HEAD = """\
+# The best of twenty protocols, by list and entry; written by
+# python studies/leaderboard.py --tune --runs {runs} --seed {seed}
+"""
+
+PERCEPTS = ("probability:0.5", "line_of_sight", "range:2")
+TUNED_ON = {
+    "paper": ("tuning-pairs", [{}]),
+    "crowds": ("tuning-four", [{}]),
+    "unseen2-pairs": ("tuning-pairs", [{}]),
+    "unseen2-four": ("tuning-four", [{}]),
+    "unseen2-eight": ("tuning-eight", [{}]),
+    "swap-pairs": ("tuning-pairs", [{"interactions": "swap"}]),
+    "block-pairs": ("tuning-pairs", [{"interactions": "block:anywhere"}]),
+    "percepts": ("tuning-pairs", [{"perception": one} for one in PERCEPTS]),
+}
+"""The lists of the leaderboard; the buildings and games by which protocols are chosen for each."""
+
+HEADS = ("entry", "peers seen", "share of the gap", "failed teams", "least arrival")
+HEADS += ("steps to 90 %", "seconds a run")
 
 BUDGETS = (2_000, 5_000, 10_000, 30_000)
 """Steps that are tried before the whole budget."""
@@ -61,153 +110,188 @@ BUDGETS = (2_000, 5_000, 10_000, 30_000)
 NEARLY_ALL = 0.9
 
 
-class Tenth(Hysteretic):
-    """Learns bad news by a tenth of the step size."""
-
-    @staticmethod
-    def learn(mind, task, k, now, after):
-        """Update Q*."""
-        hysteretic_update(mind, task, k, now, after, 0.1)
-
-
-class Third(Hysteretic):
-    """Learns bad news by three tenths of the step size."""
-
-    @staticmethod
-    def learn(mind, task, k, now, after):
-        """Update Q*."""
-        hysteretic_update(mind, task, k, now, after, 0.3)
-
-
-PROTOCOLS = [
-    {},
-    {"epsilon": "linear:0.3:0.02:0.8"},
-    {"epsilon": "linear:0.05:0.02:0.8"},
-    {"step_size": "floored:0.6:0.1:0.01"},
-    {"step_size": "floored:0.7:0.05:0.01"},
-    {"step_size": "constant:0.1"},
-    {"starts": "exploring:1:0:0.5"},
-    {"starts": "exploring:1:0.2:0.8"},
-    {"credit": "team"},
-    LIKE_FACTORED,
-    {**LIKE_FACTORED, "credit": "team"},
-]
-SOME = [{}, {"epsilon": "linear:0.3:0.02:0.8"}, LIKE_FACTORED]
-SOME += [{"step_size": "constant:0.1"}]
-NUMBERS = [
-    {},
-    *({"step_size": f"floored:{power}:0.1:0.01"} for power in (0.5, 0.7)),
-    *({"step_size": f"floored:0.6:{floor}"} for floor in ("0.2:0.01", "0.05:0.01")),
-    {"step_size": "floored:0.6:0.1:0.03"},
-    *({"epsilon": f"linear:{ends}:0.8"} for ends in ("0.2:0.02", "0.5:0.02", "0.3:0")),
-    *({"starts": f"exploring:1:0:{share}"} for share in (0.3, 0.8)),
-    {"q_coord_init": 50},
-]
-TRIALS = {
-    "noncoop": [*PROTOCOLS, TEXTBOOK],
-    Tenth: SOME,
-    Third: SOME,
-    "hysteretic": SOME,
-    "coop": [*PROTOCOLS, {"q_coord_init": 20}],
-    "cq": [
-        {"peers": "all", **one}
-        for one in (*PROTOCOLS, {"starts": "exploring:1:0.5:0.8"})
-    ],
-    "joint": [*PROTOCOLS, {"starts": "exploring:1:0.5:0.8"}],
-    "factored": NUMBERS,
-}
-"""Settings that were tried; of the hysteretic learners beta is 0.1, 0.3 and 0.5 of alpha."""
-
-TASKS = [("tuning-pairs", 10_000), ("tuning-pairs", 100_000), ("tuning-four", 100_000)]
-
-
-def judge(options) -> pd.DataFrame:
-    """Return how each entry stands in each list."""
-    rows = []
+def judge(options) -> None:
+    """Print how each entry stands in each list."""
+    tuned = tuned_before()
     for name in options.lists:
-        for title, (learner, settings) in ENTRIES.items():
-            row = {"list": name, "entry": title}
-
-            def standing(steps, name=name, learner=learner, settings=settings):
-                [found] = sc.benchmark(
-                    learner,
-                    lists=[name],
-                    steps=steps,
-                    runs=options.runs,
-                    trials=options.trials,
-                    seed=options.seed,
-                    **settings,
-                )
-                return found
-
-            whole = standing(options.steps)
-            print(row, flush=True)
-            if whole["share"] is None:
-                rows.append(row)
+        if name not in tuned:
+            raise SettingError(
+                f"{TUNED.name} has no protocols for {name}; python studies/leaderboard.py "
+                f"--tune --lists {name} finds them"
+            )
+        rows = []
+        for title, (learner, own) in (ENTRIES | UNTUNED).items():
+            if title not in options.entries:
                 continue
-            row |= {name: whole[name] for name in ("share", "error", "failed", "teams")}
-            row["steps to 90 %"] = f"> {options.steps}"
-            if whole["share"] >= NEARLY_ALL:
-                enough = [steps for steps in BUDGETS if steps < options.steps]
-                row["steps to 90 %"] = next(
-                    (n for n in enough if standing(n)["share"] >= NEARLY_ALL),
-                    options.steps,
-                )
-            row["seconds a run"] = seconds(learner, settings, options.steps)
-            rows.append(row)
-    return pd.DataFrame(rows)
+            print(f"{name}: {title}", file=sys.stderr, flush=True)
+            chosen = tuned[name].get(title, {})
+            rows.append((title, *row_of(name, learner, own | chosen, options)))
+        rows.sort(key=lambda row: -row[1])
+        print(f"\n**{name}**\n")
+        print("| " + " | ".join(HEADS) + " |")
+        print("| :-- | :-- |" + " --: |" * (len(HEADS) - 2))
+        for title, _, *cells in rows:
+            print("| " + " | ".join([title, *cells]) + " |", flush=True)
 
 
-def seconds(learner, settings: dict[str, object], steps: int) -> float:
-    """Return the processor time of a learning run in env1."""
-    scenario = sc.load_scenario("env1", penalty=-100, steps=steps, **settings)
+def row_of(name, learner, settings: dict[str, object], options) -> tuple:
+    """Return the share of an entry in a list, and the cells of its row after the title."""
+
+    def standing(steps):
+        [found] = sc.benchmark(
+            learner,
+            lists=[name],
+            steps=steps,
+            runs=options.runs,
+            trials=options.trials,
+            seed=options.seed,
+            **settings,
+        )
+        return found
+
+    whole = standing(options.steps)
+    if whole["share"] is None:
+        return (-np.inf, *["-"] * (len(HEADS) - 1))
+    enough = f"> {options.steps:,}"
+    if whole["share"] >= NEARLY_ALL:
+        fewer = [steps for steps in BUDGETS if steps < options.steps]
+        reach = (n for n in fewer if standing(n)["share"] >= NEARLY_ALL)
+        enough = f"{next(reach, options.steps):,}"
+    return (
+        whole["share"],
+        whole["peers_seen"],
+        f"{percent(whole['share'])} ({100 * whole['error']:.1f})",
+        f"{whole['failed']} of {whole['teams']}",
+        percent(whole["arrived"]),
+        enough,
+        f"{seconds(name, learner, settings, options.steps):.2f}",
+    )
+
+
+def seconds(name, learner, settings: dict[str, object], steps: int) -> float:
+    """Return the processor time of a learning run in the first scenario of a list."""
+    first = LISTS[name][0]
+    settings = {**settings, **first.settings, "penalty": PENALTY, "steps": steps}
+    scenario = sc.load_scenario(first.scenario, **settings)
     sc.train(scenario, learner)  # a first one compiles
     began = time.process_time()
     sc.train(scenario, learner)
     return time.process_time() - began
 
 
-def tune(options) -> pd.DataFrame:
-    """Return the share of the gap of each trial of each learner, in the buildings for tuning."""
-    rows = []
-    for learner, tried in TRIALS.items():
-        for settings in tried:
-            name = learner if isinstance(learner, str) else learner.__name__
-            row = {"learner": name, "settings": settings}
-            for name, steps in TASKS:
-                [found] = sc.benchmark(
-                    learner,
-                    lists=[name],
-                    steps=min(steps, options.steps),
-                    runs=options.runs,
-                    trials=options.trials,
-                    seed=options.seed,
-                    **settings,
-                )
-                row[f"{name}, {steps}"] = found["share"]
-            rows.append(row)
-            print(row, flush=True)
-    return pd.DataFrame(rows)
+def tune(options) -> None:
+    """Write the best protocol of each entry and list; print how all of them stand."""
+    tried = []
+    computed: dict[str, dict[str, dict[str, object]]] = {}
+    for name in options.lists:
+        where, games = TUNED_ON[name]
+        known = [one for one in computed if TUNED_ON[one] == TUNED_ON[name]]
+        if known:
+            computed[name] = computed[known[0]]
+            write(computed, options)
+            continue
+        computed[name] = {}
+        for title, (learner, own) in ENTRIES.items():
+            if title not in options.entries:
+                continue
+            rows = []
+            for line in PROTOCOLS:
+                protocol = protocol_of(line, learner)
+                earned = earns(learner, own | protocol, where, games, options)
+                if earned is not None:
+                    rows.append({"list": name, "entry": title} | protocol | earned)
+                    print(rows[-1], file=sys.stderr, flush=True)
+            tried += rows
+            if rows:
+                best = max(rows, key=lambda row: row["returns"])
+                computed[name][title] = {k: best[k] for k in NAMES if k in best}
+        write(computed, options)
+    print(pd.DataFrame(tried).round(3).to_string(index=False))
+
+
+def tuned_before() -> dict[str, dict[str, dict[str, object]]]:
+    """Return the chosen protocols, by list and entry."""
+    return yaml.safe_load(TUNED.read_text("utf-8")) if TUNED.exists() else {}
+
+
+def protocol_of(line: str, learner) -> dict[str, str]:
+    """Return a protocol as settings; `prior` has no choice for learners that need the map."""
+    protocol = dict(zip(NAMES, line.split(), strict=True))
+    if learner_of(learner).needs_map:
+        del protocol["prior"]
+    return protocol
+
+
+def earns(learner, settings, where: str, games, options) -> dict[str, float] | None:
+    """Return the mean return of teams, and failed teams; None: it cannot learn these games."""
+    scenarios = [
+        sc.load_scenario(
+            item.scenario,
+            **(settings | game),
+            penalty=PENALTY,
+            steps=options.steps,
+        )
+        for item in items_of([where])[where][: options.buildings]
+        for game in games
+    ]
+    rule = learner_of(learner)
+    try:
+        for scenario in scenarios:
+            rule.check(rule.with_defaults(scenario))
+    except SettingError:
+        return None
+    measures = []
+    for scenario in scenarios:
+        runs = sc.train_many(
+            scenario,
+            learner,
+            runs=options.runs,
+            trials=options.trials,
+            seed=options.seed,
+            history=False,
+        )
+        measures.append(sc.by_run([run.measures for run in runs]))
+    return {
+        "returns": np.mean([one.mean("returns") for one in measures]),
+        "failed": sum(one.failed for one in measures),
+        "teams": options.runs * len(scenarios),
+    }
+
+
+def write(computed: dict[str, dict[str, dict[str, object]]], options) -> None:
+    """Write chosen protocols; those of other lists and entries stay as they are."""
+    kept = tuned_before()
+    for name, entries in computed.items():
+        kept[name] = kept.get(name, {}) | entries
+    ordered = {
+        name: {title: kept[name][title] for title in ENTRIES if title in kept[name]}
+        for name in TUNED_ON
+        if name in kept
+    }
+    head = HEAD.format(runs=options.runs, seed=options.seed)
+    TUNED.write_text(head + yaml.safe_dump(ordered, sort_keys=False), "utf-8")
 
 
 def main() -> None:
-    """Judge the entries, or tune the learners, and print a table."""
+    """Judge the entries, or tune the learners."""
+    titles = [*ENTRIES, *UNTUNED]
     parser = argparse.ArgumentParser(
         description=__doc__.split("\n")[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("--tune", action="store_true", help="the twelve trials of each")
-    parser.add_argument("--lists", nargs="+", default=LISTS)
+    parser.add_argument("--tune", action="store_true", help="twenty trials of each")
+    parser.add_argument("--lists", nargs="+", default=[*TUNED_ON], choices=TUNED_ON)
+    parser.add_argument("--entries", nargs="+", default=titles, choices=titles)
+    parser.add_argument("--buildings", type=int, help="of a list for tuning")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=4_100_000)
-    parser.add_argument("--out", help="a CSV file")
     options = parser.parse_args()
-    found = tune(options) if options.tune else judge(options)
-    if options.out:
-        found.to_csv(options.out, index=False)
-    print(found.round(3).to_string(index=False))
+    if options.tune:
+        tune(options)
+    else:
+        judge(options)
 
 
 # plain Python learns in processes, which import this file again

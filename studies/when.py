@@ -2,16 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """When should robots coordinate? The study of docs/when.md.
 
-python studies/when.py [--maps NAME...] [--runs N] [--steps N] [--seed N] [--out FILE.csv]
+python studies/when.py [--maps NAME...] [--runs N] [--seed N] [--out FILE.csv] [--figure FILE.png]
+python studies/when.py --found FILE.csv --figure FILE.png
 python studies/when.py --advice --runs 6 --seed 6100000
 
 Teams that know their map learn on many maps, at several penalties, costs of a question and
-chances of an answer. The ratio of a condition is what a robot loses if all robots ignore each
-other on shortest paths, in questions: divided by the cost of one. The table has, by the ratio,
-the questions of a robot in an episode and the share of the gap that teams close: from shortest
-paths to the joint optimum (of larger teams: to robots alone in the world). Gains and gaps are
-counted in questions, and pooled. `--advice` uses buildings by which no threshold of the advice
-was chosen, and has a table by what the advice said beforehand. The CSV file has each condition.
+chances of an answer. The *possible gain* of a condition is what a robot can win by coordination,
+in questions: the joint optimum less shortest paths, divided by the cost of a question, times the
+square of the chance of an answer. (Two robots see each other if both are answered. Of larger
+teams the gain ends at robots alone in the world.)
+
+Tables in Markdown have, by the possible gain, the questions of a robot in an episode, and the
+share of the gap from shortest paths to the joint optimum that teams close: pooled, in questions,
+with a bootstrap over maps as standard error. `--found` prints them of an earlier file. `--advice`
+uses buildings by which no threshold of the advice was chosen, and has a table by what the advice
+said beforehand. The CSV file has each condition.
 """
 
 import argparse
@@ -23,6 +28,7 @@ import pandas as pd
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.percepts import chance_of_answer
+from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import fails
 from sparse_coord_ros.core.solve.advice import (
     advice,
@@ -31,6 +37,9 @@ from sparse_coord_ros.core.solve.advice import (
     relative_gain,
 )
 from sparse_coord_ros.core.solve.optimum import payment, successors
+
+LEARNER = "factored"
+"""Whose teams the study is about; other learners stand beside it in one part."""
 
 PAIRS = [
     *("env1", "isr", "env2-2r", "mit", "pentagon", "suny", "cit", "cmu"),
@@ -74,7 +83,7 @@ STUDY = {
         PAIRS,
         {"learner": ["coop", "cq", "noncoop"], "penalty": PENALTIES},
     ),
-    "factored": (PAIRS, {"penalty": PENALTIES, "ask_cost": COSTS}),
+    "all costs": (PAIRS, {"penalty": PENALTIES, "ask_cost": COSTS}),
     "half of the questions answered": (
         PAIRS,
         {"penalty": PENALTIES, "perception": ["probability:0.5"]},
@@ -105,7 +114,7 @@ STUDY = {
         {"interactions": ["block:anywhere"], "penalty": [-100], "ask_cost": MOVE_COSTS},
     ),
 }
-"""Maps of each part, and what varies; the learner is factored where none is named."""
+"""Maps of each part, and what varies; `LEARNER` learns where none is named."""
 
 ADVICE = {
     "doorways": (OTHER_PAIRS, {"penalty": PENALTIES, "ask_cost": COSTS}),
@@ -124,8 +133,19 @@ ADVICE = {
     ),
 }
 
-EDGES = [0, 0.3, 1, 2, 5, 10, 30, 100, 300, np.inf]
-"""Ratios between which conditions are taken together."""
+EDGES = [0, 0.3, 1, 3, 10, 30, 100, np.inf]
+"""Possible gains between which conditions are taken together."""
+
+HEADS = ("< 0.3", *("0.3 to 1", "1 to 3", "3 to 10", "10 to 30", "30 to 100"), "> 100")
+
+RESAMPLES = 1000
+"""Of a bootstrap."""
+
+LOUD = 30
+"""A share of the gap with a larger error says nothing, and is left out."""
+
+BEST = "best asking team found"
+ALWAYS = "always asks, and pays"
 
 SMALL = 30
 """Cells of a map on which the team that always asks is computed."""
@@ -143,12 +163,11 @@ def condition(part: str, result) -> dict[str, object]:
     failed = np.array([fails(share) for share in measures.arrived])
     gap = max(result.optimum - paths, 0.0)
     share = (returns - paths) / max(gap, TINY)
-    line = f"{part}, {result.learner.label}"
-    if len(scenario.robots) > 2:
-        line = f"{len(scenario.robots)} robots, {result.learner.label}"
     return {
-        "line": line,
+        "part": part,
+        "line": line_of(part, result),
         "scenario": scenario.name,
+        "kind": kind_of(scenario.name),
         "penalty": scenario.penalty,
         "ask_cost": scenario.ask_cost,
         "chance": chance_of_answer(scenario),
@@ -164,6 +183,23 @@ def condition(part: str, result) -> dict[str, object]:
         "failed": failed.sum(),
         "teams": len(failed),
     }
+
+
+def line_of(part: str, result) -> str:
+    """Return the line of the tables to which a condition belongs."""
+    robots = len(result.scenario.robots)
+    if part in ("learners", "all costs"):
+        return result.learner.title
+    if robots > 2:
+        return f"{robots} robots"
+    return part
+
+
+def kind_of(scenario: str) -> str:
+    """Return the kind of a building by its name."""
+    if scenario.startswith("unseen1"):
+        return scenario.split("-")[1]
+    return "office" if scenario.startswith("building") else "the paper's"
 
 
 def always_asking(scenario) -> float:
@@ -197,23 +233,15 @@ def always_asking(scenario) -> float:
 def yardsticks(row: dict[str, object], scenario, paths: float):
     """Yield rows of the team that always asks, and of the best asking team found."""
     known = sc.shipped_asking_team(scenario)
-    values = {"best asking team found": None if known is None else known.value}
+    values = {BEST: None if known is None else known.value}
     if len(scenario.map.cells) <= SMALL:
-        values["always asks, and pays"] = always_asking(scenario)
+        values[ALWAYS] = always_asking(scenario)
     for line, value in values.items():
         if value is not None:
             gained = in_questions(value - paths, scenario)
-            nobody = {"questions": np.nan, "close_half": np.nan}
-            yield (
-                row
-                | nobody
-                | {
-                    "line": line,
-                    "gained": gained,
-                    "failed": 0,
-                    "teams": 0,
-                }
-            )
+            unknown = dict.fromkeys(("questions", "close_half"), np.nan)
+            none = dict.fromkeys(("failed", "teams"), 0)
+            yield row | unknown | none | {"line": line, "gained": gained}
 
 
 def measure(study, options) -> pd.DataFrame:
@@ -228,7 +256,7 @@ def measure(study, options) -> pd.DataFrame:
             swept = sc.sweep(
                 scenario,
                 over,
-                learner="factored",
+                learner=LEARNER,
                 runs=options.runs,
                 trials=options.trials,
                 seed=options.seed,
@@ -236,7 +264,7 @@ def measure(study, options) -> pd.DataFrame:
             for result in swept.values():
                 row = condition(part, result)
                 rows.append(row)
-                if part == "factored":
+                if part == "all costs":
                     paths = result.shortest_paths.mean("returns")
                     rows += yardsticks(row, result.scenario, paths)
     return pd.DataFrame(rows)
@@ -248,17 +276,133 @@ def pooled(own: pd.DataFrame) -> pd.Series:
         {
             "maps": own["scenario"].nunique(),
             "conditions": len(own),
+            "gain": own["possible_gain"].median(),
             "questions": own["questions"].mean(),
-            "share of the gap": own["gained"].sum() / own["gap"].sum(),
-            "close half of the gap": own["close_half"].mean(),
+            "share": own["gained"].sum() / own["gap"].sum(),
+            "close half": own["close_half"].mean(),
             "failed": own["failed"].sum(),
             "teams": own["teams"].sum(),
         }
     )
 
 
+def with_errors(own: pd.DataFrame) -> pd.Series:
+    """Return the same with standard errors: a bootstrap over maps; NaN of one map."""
+    by_map = own.groupby("scenario")
+    sums = by_map[["gained", "gap", "questions"]].sum().to_numpy()
+    count = by_map["questions"].count().to_numpy()
+    maps = len(sums)
+    drawn = np.random.default_rng(0).integers(maps, size=(RESAMPLES, maps))
+    gained, gap, questions = sums[drawn].sum(axis=1).T
+    found = pooled(own)
+    found["share_error"] = found["questions_error"] = np.nan
+    if maps > 1:
+        found["share_error"] = (gained / gap).std(ddof=1)
+        asked = questions / np.maximum(count[drawn].sum(axis=1), 1)
+        found["questions_error"] = asked.std(ddof=1)
+    return found
+
+
+def averages(found: pd.DataFrame, by: str) -> pd.DataFrame:
+    """Return means and errors by lines (or kinds) and by the interval of the possible gain."""
+    found = found.assign(
+        interval=pd.cut(found["possible_gain"], EDGES, labels=HEADS, right=False)
+    )
+    groups = found.groupby([by, "interval"], sort=False, observed=True)
+    rows = [with_errors(own) for _, own in groups]
+    return pd.DataFrame(rows, index=groups.groups.keys())
+
+
+def print_tables(found: pd.DataFrame) -> None:
+    """Print the tables of docs/when.md."""
+    nothing = found["gap"] <= TINY
+    own = found[(found["part"] == "all costs") & ~found["line"].isin([BEST, ALWAYS])]
+    none = (own["gap"] <= TINY).sum()
+    print(f"\nNothing can be won in {none} of {len(own)} conditions of pairs.\n")
+    beside = found["part"].isin(["learners", "all costs"])
+    print_table(found[beside & ~nothing], "line", ("questions", "share"))
+    print_table(own[own["gap"] > TINY], "kind", ("share",))
+    print_table(found[~beside & ~nothing], "line", ("questions", "share"))
+
+
+def print_table(found: pd.DataFrame, by: str, measures: tuple[str, ...]) -> None:
+    """Print a table in Markdown: lines or kinds of building by the possible gain."""
+    table = averages(found, by)
+    print(f"\n| {by} | measure | " + " | ".join(HEADS) + " | failed teams |")
+    print("| :-- | :-- |" + " --: |" * (len(HEADS) + 1))
+    for name, own in table.groupby(level=0, sort=False):
+        own = own.droplevel(0)
+        teams = own["teams"].sum()
+        failed = f"{own['failed'].sum():.0f} of {teams:.0f}" if teams else "-"
+        for measure in measures:
+            cells = [in_words(own, head, measure) for head in HEADS]
+            if any(cell != "-" for cell in cells):
+                said = "share of the gap" if measure == "share" else measure
+                print("| " + " | ".join([name, said, *cells, failed]) + " |")
+
+
+def in_words(own: pd.DataFrame, head: str, measure: str) -> str:
+    """Return a cell of a table: a mean with its error, or a dash."""
+    if head not in own.index or np.isnan(own.loc[head, measure]):
+        return "-"
+    value, error = own.loc[head, [measure, f"{measure}_error"]]
+    if measure == "questions":
+        words = f"{value:.2f}", f"{error:.2f}"
+    elif error > LOUD:
+        return "-"
+    else:
+        words = f"{100 * value:.0f} %", f"{100 * error:.0f}"
+    return f"{words[0]} ({'-' if np.isnan(error) else words[1]})"
+
+
+def draw(found: pd.DataFrame, file: str) -> None:
+    """Draw questions and share of the gap of pairs against the possible gain."""
+    from matplotlib.figure import Figure
+
+    beside = found[found["part"].isin(["learners", "all costs"])]
+    table = averages(beside[beside["gap"] > TINY], "line")
+    figure = Figure(figsize=(8, 7), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    main = learner_of(LEARNER).title
+    for number, (line, own) in enumerate(table.groupby(level=0, sort=False)):
+        own = own.sort_values("gain")
+        style = {
+            "color": f"C{number}",
+            "marker": "o",
+            "lw": 2.5 if line == main else 1.2,
+            "ls": "none" if line == BEST else "-",
+            "label": line,
+        }
+        for panel, measure in ((upper, "questions"), (lower, "share")):
+            known = own[own[measure].notna()]
+            panel.errorbar(
+                known["gain"],
+                known[measure],
+                known[f"{measure}_error"].fillna(0),
+                **style,
+            )
+    upper.set(ylabel="questions of a robot in an episode", ylim=(-0.1, 4))
+    lower.set(ylabel="share of the gap to the joint optimum", ylim=(-0.6, 1.05))
+    lower.set(xscale="log", xlim=(0.03, 1000))
+    lower.set(xlabel="possible gain, in questions (log scale)")
+    ticks = [0.1, 1, 10, 100, 1000]
+    lower.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    for panel in (upper, lower):
+        panel.grid(alpha=0.3)
+    lower.axhline(0.0, color="black", lw=0.8)
+    lower.legend()
+    figure.savefig(file, dpi=110)
+
+
+def print_advice(found: pd.DataFrame) -> None:
+    """Print how teams stand by what the advice said beforehand."""
+    groups = found[found["gap"] > TINY].groupby(["line", "advice"], sort=False)
+    table = pd.DataFrame([pooled(own) for _, own in groups], index=groups.groups.keys())
+    print(table.sort_index().round(2).to_string())
+
+
 def main() -> None:
-    """Measure, and print the table."""
+    """Measure, and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__.split("\n")[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
@@ -269,21 +413,24 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--steps", type=int, default=30_000)
     parser.add_argument("--seed", type=int, default=2_700_000)
-    parser.add_argument("--out", help="a CSV file with a row for each condition")
+    parser.add_argument("--found", metavar="FILE.csv", help="an earlier --out")
+    parser.add_argument("--out", metavar="FILE.csv", help="a row for each condition")
+    parser.add_argument("--figure", metavar="FILE.png")
     options = parser.parse_args()
-    found = measure(ADVICE if options.advice else STUDY, options)
+    if options.found:
+        found = pd.read_csv(options.found)
+    else:
+        found = measure(ADVICE if options.advice else STUDY, options)
     if found.empty:
         parser.error("--maps: none of the study's maps has such a name")
     if options.out:
         found.to_csv(options.out, index=False)
-    found = found[found["gap"] > TINY]
-    by = "advice"
-    if not options.advice:
-        by = "interval of the ratio"
-        found[by] = pd.cut(found["ratio"], EDGES)
-    groups = found.groupby(["line", by], sort=False, observed=True)
-    table = pd.DataFrame([pooled(own) for _, own in groups], index=groups.groups.keys())
-    print(table.sort_index().round(2).to_string())
+    if options.advice:
+        print_advice(found)
+        return
+    print_tables(found)
+    if options.figure:
+        draw(found, options.figure)
 
 
 # plain Python learns in processes, which import this file again

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 STUDIES = ROOT / "studies"
@@ -26,7 +27,6 @@ RUNS = {
         "--picture few_steps.png",
         "tuning-eight factored",
     ),
-    "leaderboard.py": (f"--lists crowds {TINY}", "independent, tuned"),
     "scale.py": (
         "halls:2 --robots 2 --steps 50 --trials 2 --set prior=map",
         "680 cells, 2 robots",
@@ -40,8 +40,9 @@ RUNS = {
         "unseen1-loop-4r-0",
     ),
     "when.py": (
-        "--maps isr unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv",
-        "best asking team found",
+        "--maps isr unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv "
+        "--figure when.png",
+        "| best asking team found | share of the gap |",
     ),
     "where.py": (f"--scenarios env2-4r {TINY}", "asked near"),
 }
@@ -49,25 +50,58 @@ RUNS = {
 
 
 def test_every_study_is_here():
-    assert {path.name for path in STUDIES.glob("*.py")} == set(RUNS)
+    leaderboard = {"leaderboard.py", "entries.py"}
+    assert {path.name for path in STUDIES.glob("*.py")} == set(RUNS) | leaderboard
+
+
+@pytest.fixture
+def study(python, tmp_path):
+    """Return a function that runs a script in plain Python, on one core, in an empty folder."""
+
+    def run(script, words, code=0):
+        missing = tmp_path / "missing/numba"
+        missing.mkdir(parents=True, exist_ok=True)
+        (missing / "__init__.py").write_text("raise ImportError\n")
+        path = f"{missing.parent}{os.pathsep}{ROOT}"
+        cores = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, {min(cores)})  # so that it computes in its own process
+        try:
+            env = {"PYTHONPATH": path}
+            return python(script, *words.split(), cwd=tmp_path, env=env, code=code)
+        finally:
+            os.sched_setaffinity(0, cores)
+
+    return run
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_a_study_runs(name, python, tmp_path):
+def test_a_study_runs(name, study, tmp_path):
     shutil.copytree(ROOT / "config", tmp_path / "config")
-    missing = tmp_path / "missing/numba"
-    missing.mkdir(parents=True)
-    (missing / "__init__.py").write_text("raise ImportError\n")
     words, said = RUNS[name]
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})  # so that it computes in its own process
-    try:
-        done = python(
-            STUDIES / name,
-            *words.split(),
-            cwd=tmp_path,
-            env={"PYTHONPATH": f"{missing.parent}{os.pathsep}{ROOT}"},
-        )
-    finally:
-        os.sched_setaffinity(0, cores)
-    assert said in done.stdout
+    assert said in study(STUDIES / name, words).stdout
+
+
+def test_the_leaderboard_tunes_and_judges(study, tmp_path):
+    """The best of twenty protocols stands in the file that the leaderboard reads."""
+    for name in ("leaderboard.py", "entries.py"):
+        shutil.copy(STUDIES / name, tmp_path)
+    script = tmp_path / "leaderboard.py"
+    lists = f"--lists crowds --entries coop GPCQ {TINY}"
+    study(script, f"--tune --buildings 1 {lists}")
+    tuned = yaml.safe_load((tmp_path / "tuned.yaml").read_text("utf-8"))
+    assert list(tuned) == ["crowds"]
+    assert list(tuned["crowds"]) == ["coop"]  # GPCQ is for two robots
+    settings = ["prior", "credit", "epsilon", "step_size", "starts"]
+    assert list(tuned["crowds"]["coop"]) == settings
+    tables = study(script, lists).stdout
+    assert "\n| coop | " in tables and "\n| GPCQ | - | - | - | - | - | - |\n" in tables
+
+
+def test_a_list_without_tuned_protocols(study, tmp_path):
+    for name in ("leaderboard.py", "entries.py"):
+        shutil.copy(STUDIES / name, tmp_path)
+    said = study(tmp_path / "leaderboard.py", "--lists crowds", code=2).stderr
+    assert said == (
+        "error: tuned.yaml has no protocols for crowds; python studies/leaderboard.py --tune "
+        "--lists crowds finds them\n"
+    )

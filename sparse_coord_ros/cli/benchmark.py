@@ -64,7 +64,8 @@ def execute(options: argparse.Namespace) -> None:
             **computing_of(options),
             **settings,
         )
-    head = ["list", "learner", "share of the gap", "failed teams"]
+    head = ["list", "learner", "peers seen", "share of the gap"]
+    head += ["failed teams", "least arrival"]
     shared.tell(
         options,
         {"standings": found},
@@ -78,6 +79,8 @@ def row_of(standing: Mapping[str, Any]) -> list[str]:
     """Return the row of a standing in the table."""
     names = [standing["list"], standing["learner"]]
     if standing["share"] is None:
-        return [*names, "-", "-"]
+        return [*names, *["-"] * 4]
     share = f"{percent(standing['share'])} ({100 * standing['error']:.1f})"
-    return [*names, share, f"{standing['failed']} of {standing['teams']}"]
+    failed = f"{standing['failed']} of {standing['teams']}"
+    arrived = percent(standing["arrived"])
+    return [*names, standing["peers_seen"], share, failed, arrived]

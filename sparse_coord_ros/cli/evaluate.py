@@ -20,7 +20,11 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.core.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.game.scenario import (
+    WHILE_LEARNING,
+    Scenario,
+    load_scenario,
+)
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
 from sparse_coord_ros.core.runs.measures import ERRORS, EXACT, HEADINGS, Measures
@@ -164,6 +168,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         "learner": one.run.learner,
         "seed": one.run.seed,
         "steps": scenario.steps,
+        "peers_seen": scenario.peers_seen,
         **one.measures.to_dict(),
         "robots": one.measures.by_robot(),
         "paper": paper_row(one.run),
@@ -187,8 +192,13 @@ def result_of(scenario: Scenario, measures: Measures) -> dict[str, Any]:
 
 
 def paper_row(run: RunConfig) -> dict:
-    """Return the paper's numbers for this run's learner; none if the game is not the paper's."""
+    """Return the paper's numbers for this run's learner.
+
+    There are none if the game is not the paper's, or if robots learned from more than answers.
+    """
     scenario = run.scenario
+    if scenario.peers_seen == WHILE_LEARNING:
+        return {}
     row = paper_rows().get(scenario.name, {}).get(run.learner, {})
     if not row:
         return {}

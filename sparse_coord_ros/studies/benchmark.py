@@ -88,12 +88,15 @@ def benchmark(
         Of each list and learner, in the order in which they were asked for:
 
         - `list`, `learner`: their names;
+        - `peers_seen`: which cells of peers the robots learned from, as of the setting; None as
+          of `share`;
         - `share`: closed share of the pooled gap; None: the learner cannot learn every scenario of
           the list;
         - `error`: the standard error of the share: of generated buildings a bootstrap over
           buildings, and teams in each, else that of the teams;
         - `failed`: teams in which some robot fails to arrive in more than one trial of a thousand;
-        - `teams`: all teams.
+        - `teams`: all teams;
+        - `arrived`: the least share of its trials in which a team arrives.
 
     Raises:
         SettingError: no learner; an unknown learner, list or setting; a setting that changes the
@@ -164,9 +167,10 @@ def standing(
         learner: the learner's name.
         results: of each scenario of the list; none: the learner cannot learn all of them.
     """
-    found = {"list": name, "learner": learner, "share": None, "error": None}
+    found = {"list": name, "learner": learner}
     if not results:
-        return {**found, "failed": 0, "teams": 0}
+        none = dict.fromkeys(("peers_seen", "share", "error", "arrived"))
+        return {**found, **none, "failed": 0, "teams": 0}
     learned = [one.measures.each("returns") for one in results]
     low = np.array([one.shortest_paths.mean("returns") for one in results])
     high = np.array([_top(one) for one in results])
@@ -176,10 +180,12 @@ def standing(
         error = float(np.linalg.norm(errors) / (high - low).sum())
     return {
         **found,
+        "peers_seen": results[0].scenario.peers_seen,
         "share": share,
         "error": error,
         "failed": sum(one.measures.failed for one in results),
         "teams": sum(one.runs for one in results),
+        "arrived": min(float(one.measures.arrived.min()) for one in results),
     }
 
 

@@ -79,6 +79,15 @@ def test_another_game_is_not_compared_with_the_paper(sparse_coord, trained, sett
     assert "paper" not in out
 
 
+def test_robots_that_saw_their_peers_are_named_so(sparse_coord, trained):
+    """The paper's learned from answers alone."""
+    trained("env1", "--set", "peers_seen=while_learning")
+    out = sparse_coord("evaluate", "a", "--trials", 5)[1]
+    assert "\nCoop., peers seen while learning" in out and "paper" not in out
+    data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])
+    assert data["peers_seen"] == "while_learning"
+
+
 def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
     trained("env1", "--penalty", "-100")
     data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])

@@ -153,7 +153,7 @@ def test_it_says_once_whether_coordination_will_pay(sparse_coord, trials):
     code, out, _ = sparse_coord("train", "env1", *options, "--out", "a")
     expected = (
         "Coordination will pay: a robot alone in the world earns 126.45; robots that "
-        "ignore each other lose 33.86 of it each, as much as"
+        "ignore each other lose 33.86 of it each; a team can win back 27.96 of that, as much as"
     )
     assert code == 0 and out.count(expected) == 1
     data = json.loads(

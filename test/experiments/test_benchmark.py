@@ -139,6 +139,7 @@ def test_learners_are_judged():
     [noncoop, coop] = found
     assert (noncoop["learner"], noncoop["teams"]) == ("noncoop", 4)
     assert noncoop["list"] == "tuning-pairs"
+    assert row_of(coop)[:3] == ["tuning-pairs", "coop", "when_asked"]
     results = []
     for item in LISTS["tuning-pairs"][:2]:
         scenario = sc.load_scenario(item.scenario, steps=50, epsilon="constant:0.5")
@@ -163,7 +164,7 @@ def test_learners_are_judged():
 def test_who_cannot_learn_a_list_has_no_share_there():
     [found] = sc.benchmark("joint", **{**FEW, "lists": ["tuning-four"]})
     assert found["share"] is None
-    assert row_of(found) == ["tuning-four", "joint", "-", "-"]
+    assert row_of(found) == ["tuning-four", "joint", *["-"] * 4]
 
 
 @pytest.mark.usefixtures("short_lists")

@@ -21,6 +21,9 @@ from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT
 
 WORLD = -1
+OF_THE_WORLD = ("state", "peer_state", "reward")
+"""What the world says to robots."""
+
 QUIET = 60
 """Deliveries without a time step after which the world repeats itself."""
 PATIENCE = 600
@@ -38,10 +41,10 @@ class KilledError(Exception):
 class SpyAgent(Agent):
     """Records the transitions from which it learned."""
 
-    def learn(self, step, choice, reward, next_cell):
+    def learn(self, step, choice, reward, next_cell, team):
         done = (step, choice.cell, reward.total, next_cell)
         self.__dict__.setdefault("learned", []).append(done)
-        super().learn(step, choice, reward, next_cell)
+        super().learn(step, choice, reward, next_cell, team)
 
 
 class Store:
@@ -93,6 +96,10 @@ class WorldProcess:
 
     def state(self, robot, step, cell):
         self.team.publish("state", self, robot, (step, cell))
+        if self.team.run.sees_all:
+            for peer in range(self.team.robots):
+                if peer != robot:
+                    self.team.publish("peer_state", self, peer, (step, cell, robot))
 
     def reward(self, robot, step, reward):
         self.team.publish("reward", self, robot, (step, reward))
@@ -196,7 +203,7 @@ class RobotProcess:
     def join(self):
         """Subscribe now; messages in flight are not received."""
         for (topic, _, to), queue in self.team.queues.items():
-            if to == self.number and topic in ("state", "reward"):
+            if to == self.number and topic in OF_THE_WORLD:
                 queue.clear()
         self.joined = True
         self.say()
@@ -204,6 +211,10 @@ class RobotProcess:
     def on_state(self, step, cell):
         if self.joined:
             self.side.state(step, cell)
+
+    def on_peer_state(self, step, cell, peer):
+        if self.joined:
+            self.side.peer_state(peer, step, cell)
 
     def on_reward(self, step, reward):
         if self.joined:
@@ -330,10 +341,7 @@ class Team:
             self.losses.append((topic, to, message))
             self.disturbed |= topic in ("ask", "answer")
             # the world does not wait for an arrived robot
-            if topic in (
-                "state",
-                "reward",
-            ):
+            if topic in OF_THE_WORLD:
                 self.disturbed |= process.side.world.arrived[to]
                 self.missed.add((topic, message[0]))
             return
@@ -443,7 +451,7 @@ class Team:
     def ends(self, step):
         """An episode's last messages come once; without one its last step is not learned."""
         self.disturbed |= not self.missed.isdisjoint(
-            {("state", step), ("reward", step - 1)}
+            {("state", step), ("peer_state", step), ("reward", step - 1)}
         )
 
     def settled(self):

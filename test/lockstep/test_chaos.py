@@ -25,6 +25,7 @@ SCENARIOS = (
         "crowd-3r",
         {"perception": "line_of_sight", "peers": "all", "steps": 60, "max_steps": 15},
     ),
+    ("env1", {"peers_seen": "while_learning", "steps": 90, "max_steps": 20}),
 )
 
 
@@ -101,7 +102,7 @@ FAULT = st.one_of(
     st.builds(partial, st.just(asleep), WHO, PAUSE, st.just("")),
 )
 PLAN = {
-    "number": st.sampled_from([0, 0, 1]),
+    "number": st.sampled_from([0, 0, 1, 2]),
     "learner": st.sampled_from(["coop", "coop", "noncoop", "factored"]),
     "seed": st.integers(0, 10**6),
     "checkpoint": st.integers(1, 40),

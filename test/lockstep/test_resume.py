@@ -27,8 +27,14 @@ CASES = [
     ("env2-4r", "noncoop", {}),
     ("env1", "factored", {"perception": "line_of_sight"}),
     ("env1", "cq", {}),
+    ("env1", "joint", {}),
+    (
+        "env1",
+        "coop",
+        {"perception": "probability:0.7", "peers_seen": "while_learning"},
+    ),
 ]
-"""Each learner that runs live."""
+"""Each learner that runs live, and robots that learn from the cells of their peers."""
 
 
 def problem(name, **settings):

@@ -429,3 +429,51 @@ def test_each_time_that_a_peer_is_asked_again_is_counted(robot, port):
     robot.answer(1, 2, Answer(2, 3))
     assert port.take()[:4] == [("ask", 1, 2, ASKING_CELL)] * 4
     assert robot.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 3}
+
+
+SEEN = {"peers_seen": "while_learning"}
+
+
+def test_who_sees_its_peers_while_learning_learns_without_a_question():
+    """It acts, and learns, when it has the states of all robots."""
+    robot, port = make_robot(**SEEN)
+    robot.state(1, 2)
+    assert port.take() == []
+    robot.peer_state(1, 1, 7)
+    assert port.take() == [("act", 1, Action(SOUTH, False, -1, False))]
+    robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
+    robot.peer_state(1, 2, 8)
+    assert (robot.learned, robot.waiting) == (0, None)
+    robot.state(2, 3)
+    assert robot.learned == 1
+    assert robot.agent.memory()["q_coord_updates"].sum() == 1
+    assert port.take() == [("act", 2, Action(SOUTH, False, -1, False))]
+
+
+def test_it_asks_as_always():
+    """A failed percept stays one: it moves by Q*, and learns Q^C."""
+    robot, port = make_robot(**SEEN)
+    robot.peer_state(1, 1, 7)
+    robot.state(1, ASKING_CELL)
+    assert port.take() == [("ask", 1, 1, ASKING_CELL)]
+    robot.answer(1, 1, Answer(1, None))
+    assert port.take()[-1] == ("act", 1, Action(3, True, 1, False))
+    robot.state(2, 6)
+    robot.reward(1, Reward(0.0, 0.0, -1.0, -1.0))
+    assert robot.waiting == ("reward", 1)
+    robot.peer_state(1, 2, 8)
+    assert robot.learned == 1
+    assert robot.agent.memory()["q_coord_updates"].sum() == 1
+
+
+def test_a_peers_state_that_does_not_come_is_a_transition_not_learned():
+    robot, port = make_robot(**SEEN)
+    robot.peer_state(1, 1, 7)
+    robot.state(1, 2)
+    robot.state(2, 3)
+    robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
+    port.take()
+    robot.expire()
+    assert (robot.learned, robot.dropped, port.take()) == (0, 1, [])
+    robot.peer_state(1, 2, 8)  # the world repeats it
+    assert port.take() == [("act", 2, Action(SOUTH, False, -1, False))]

@@ -46,6 +46,8 @@ ASKED = {
 }
 """Settings with which factored robots are asked often."""
 
+SEEN = {"peers_seen": "while_learning"}
+
 SHUFFLES = [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 4))]
 """Seeds of the order of delivery."""
 
@@ -55,6 +57,8 @@ CASES = [
     pytest.param("env1", "cq", {"perception": "always"}, 0.0, id="marked cells"),
     pytest.param("env2-4r", "coop", {"max_steps": 15}, 0.0, id="four"),
     pytest.param("crowd-3r", "coop", {"peers": "all"}, 0.4, id="all are asked"),
+    pytest.param("env1", "joint", {"perception": "always"}, 0.2, id="joint"),
+    pytest.param("crowd-3r", "coop", {"peers": "all", **SEEN}, 0.4, id="peers seen"),
     pytest.param("env1", "factored", {"steps": 600, **ASKED}, 0.2, id="factored"),
     pytest.param("env2-4r", "factored", ASKED, 0.0, id="factored, four"),
 ]
@@ -115,11 +119,19 @@ def test_perception_that_works_one_way():
 
 @pytest.mark.parametrize("seed", SHUFFLES)
 @pytest.mark.parametrize(
-    "kinds", [("state",), ("action",), ("reward",), ("state", "action", "reward")]
+    "kinds",
+    [
+        ("state",),
+        ("peer_state",),
+        ("action",),
+        ("reward",),
+        ("state", "action", "reward"),
+    ],
 )
 def test_repetition_heals_lost_messages(kinds, seed):
     """Except a robot's last messages, which come once: arrivals, and the run's end."""
-    scenario = problem("env1", steps=600, perception="probability:0.7")
+    seen = SEEN if "peer_state" in kinds else {}
+    scenario = problem("env1", steps=600, perception="probability:0.7", **seen)
     draws = random.Random(seed)
 
     def lost(topic, to, message):
@@ -127,6 +139,8 @@ def test_repetition_heals_lost_messages(kinds, seed):
             return False
         if topic == "action":
             return True
+        if topic == "peer_state":
+            return not (team.over or team.world.side.world.arrived[to])
         if team.over or message[1] == scenario.robots[to].goal:
             return False
         return topic == "state" or message[1].individual == 0.0
@@ -176,6 +190,17 @@ def test_a_state_lost_for_good_is_two_transitions_not_learned():
     assert step not in {one for one, *_ in team.happened[0]}  # no action, no reward
     assert team.check_updates() == {(0, step - 1)}
     assert (team.world.side.timeouts, team.world.side.absent) == (1, set())
+
+
+def test_a_peers_state_lost_for_good_is_as_an_own_state_lost_for_good():
+    scenario = problem("env1", steps=600, **SEEN)
+    lost = first("peer_state", lambda message: message[1] != scenario.robots[1].goal)
+    team = played(scenario, 3, lost=lost)
+    step = team.losses[0][2][0]
+    assert step not in {one for one, *_ in team.happened[0]}  # no action, no reward
+    assert team.check_updates() == {(0, step - 1)}
+    assert (team.world.side.timeouts, team.world.side.absent) == (1, set())
+    assert [side.dropped for side in sides(team)] == [1, 0]
 
 
 @pytest.mark.parametrize("direction", ["ask", "answer"])

@@ -334,11 +334,14 @@ def simulate():
             step = world.step
             choices = [chosen(agent, world, percepts) for agent in agents]
             actions = [None if choice is None else choice.action for choice in choices]
+            before_step = tuple(world.cells)
             outcome = world.advance(actions)
+            team = (before_step, tuple(world.cells))
             for agent, choice in zip(agents, choices, strict=True):
                 if choice is not None:
                     reward = outcome.rewards[agent.number]
-                    agent.learn(step, choice, reward, world.cells[agent.number])
+                    cell = world.cells[agent.number]
+                    agent.learn(step, choice, reward, cell, team)
             recorder.add(world.episode, step, actions, outcome)
             for k in everyone:
                 if actions[k] is not None:

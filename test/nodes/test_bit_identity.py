@@ -74,37 +74,56 @@ GAMES = {
         {"steps": 300, "penalty": -50, "epsilon": "constant:0.3"},
         {"record": True},
     ),
+    "joint": (LANE, {"steps": 150, "epsilon": "constant:0.3"}, {"record": False}),
+    "coop, peers seen": (
+        TRIO,
+        {
+            "steps": 120,
+            "peers": "all",
+            "perception": "probability:0.7",
+            "peers_seen": "while_learning",
+        },
+        {"record": True},
+    ),
 }
 """Of each learner: a game that shows what its robots say to one another, its settings, and how the
 team is run. Percepts fail; robots perceive all peers, and are paid differently; robots know with
-whom they interacted; robots mark cells; robots
-stop each other, and pay for exchanges."""
+whom they interacted; robots mark cells; robots stop each other, and pay for exchanges; robots
+learn from the states of their peers."""
+
+OFTEN = "coop, peers seen"
+"""The game that every test run plays in processes."""
 
 
 @pytest.fixture
 def played(tmp_path, simulate):
-    """Return a function that gives a learner's game: scenario, settings, and result."""
+    """Return a function that gives a game: scenario, learner, settings, and result."""
 
-    def play(learner):
-        scenario, settings, how = GAMES[learner]
+    def play(game):
+        scenario, settings, how = GAMES[game]
+        learner = learner_in(game)
         if "\n" in scenario:
             file = tmp_path / "game.yaml"
             file.write_text(scenario)
             scenario = str(file)
         said = simulate(scenario, settings, seed=SEED, learner=learner)
-        return scenario, settings, said, how
+        return scenario, learner, settings, said, how
 
     return play
 
 
+def learner_in(game):
+    return game.partition(",")[0]
+
+
 def test_each_learner_that_runs_live_is_here():
     live = {name for name in LEARNERS.registered if learner_of(name).runs_live}
-    assert live == set(GAMES)
+    assert live == {learner_in(game) for game in GAMES}
 
 
-@pytest.mark.parametrize("learner", GAMES)
-def test_team_in_one_process(tmp_path, played, assert_same_tables, learner):
-    scenario, settings, said, how = played(learner)
+@pytest.mark.parametrize("game", GAMES)
+def test_team_in_one_process(tmp_path, played, assert_same_tables, game):
+    scenario, learner, settings, said, how = played(game)
     out = tmp_path / "out"
     given = {"scenario": scenario, "learner": learner, "seed": SEED, **settings}
     more = {**given, "out": str(out), **how}
@@ -151,33 +170,33 @@ def percepts_in(bag, namespace, run):
 
 def test_the_games_show_what_they_are_for(played):
     """The runs above would prove little if robots never met, asked, or marked a cell."""
-    _, _, coop, _ = played("coop")
+    *_, coop, _ = played("coop")
     assert any(reward.common == -200.0 for reward in coop.rewards.values())
     seen = [peers for _, peers in coop.percepts.values()]
     assert min(seen.count(None), len(seen) - seen.count(None)) > 5
     assert {len(peers) for peers in seen if peers} == {2}
-    _, _, factored, _ = played("factored")
+    *_, factored, _ = played("factored")
     assert factored.percepts
     assert any(len(tables.memory["rho_keys"]) for tables in factored.tables)
-    _, _, hysteretic, _ = played("hysteretic")
+    *_, hysteretic, _ = played("hysteretic")
     common = {reward.common for reward in hysteretic.rewards.values()}
     assert common == {0.0, -20.0}
-    _, _, cq, _ = played("cq")
+    *_, cq, _ = played("cq")
     assert all((tables.q_coord.std(axis=1) > 0).any() for tables in cq.tables)
 
 
 @pytest.mark.parametrize(
-    "learner",
+    "game",
     [
-        pytest.param(name, marks=[] if name == "cq" else pytest.mark.long)
+        pytest.param(name, marks=[] if name == OFTEN else pytest.mark.long)
         for name in GAMES
     ],
 )
 def test_every_node_in_its_own_process(
-    tmp_path, played, start, assert_same_tables, learner
+    tmp_path, played, start, assert_same_tables, game
 ):
     """The learner has no influence on the way from process to process."""
-    scenario, settings, said, how = played(learner)
+    scenario, learner, settings, said, how = played(game)
     out = tmp_path / "out"
     words = ["--learner", learner, "--seed", str(SEED), "--out", str(out)]
     words += [word for k, v in settings.items() for word in ("--set", f"{k}={v}")]
@@ -192,8 +211,13 @@ def test_every_node_in_its_own_process(
 def test_what_is_lost_is_said_again(
     bench, tmp_path, simulate, assert_same_tables, monkeypatch
 ):
-    """An action, a reward and a state that do not come."""
-    settings = {"steps": 45, "perception": "probability:0.8"}
+    """An action, a reward, a state and a peer's state that do not come."""
+    settings = {
+        "steps": 45,
+        "perception": "probability:0.8",
+        "peers": "all",
+        "peers_seen": "while_learning",
+    }
     said = simulate("env2-4r", settings, seed=SEED)
 
     def losing(hear, number):
@@ -204,6 +228,7 @@ def test_what_is_lost_is_said_again(
         (WorldSide, "action", 20),
         (RobotSide, "reward", 60),
         (RobotSide, "state", 90),
+        (RobotSide, "peer_state", 150),
     ]
     for side, kind, number in lost:
         monkeypatch.setattr(side, kind, losing(getattr(side, kind), number))

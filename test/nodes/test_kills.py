@@ -111,7 +111,7 @@ def all_twice(folder):
 
 
 def one_process(folder):
-    """Kill a team in one process, and go on so."""
+    """Kill a team in one process that learns from the states of peers, and go on so."""
     out = folder / "run"
     words = [
         "--seed",
@@ -124,6 +124,7 @@ def one_process(folder):
         str(out),
     ]
     words += ["--set", "steps=450", "--set", "perception=probability:0.7"]
+    words += ["--set", "peers_seen=while_learning"]
     process = subprocess.Popen(command("sparse_coord", "run", "env1", *words))
     deadline = time.monotonic() + START_SECONDS
     while not list(out.glob("checkpoint/*_120.npz")) and time.monotonic() < deadline:

@@ -24,6 +24,7 @@ END = 3
 """The time step at which the run ends."""
 
 STATES = ros_topics.LOCAL_STATE.of("robot_1")
+PEERS_STATES = ros_topics.LOCAL_STATE.of("robot_2")
 
 
 @pytest.fixture
@@ -33,13 +34,13 @@ def begun(own_domain, tmp_path, monkeypatch):
     with ros_context() as context:
         nodes = []
 
-        def begin(**run):
+        def begin(peers_seen="when_asked", **run):
             values = {"out": str(tmp_path)}
             node = puppet(RobotNode)(name="robot_1", context=context, values=values)
             nodes.append(node)
             node.heard_by = lambda publisher, role: True
             scenario = load_scenario("env1").with_settings(
-                {"steps": END, "epsilon": "constant:0"}
+                {"steps": END, "epsilon": "constant:0", "peers_seen": peers_seen}
             )
             config = replace(make_run(scenario, run), id="this run")
             node.hear("run", String(data=config.to_yaml()))
@@ -97,10 +98,24 @@ def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
     assert node.member.all_done(ended + LAST_REWARD_SECONDS + 0.1)
 
 
-def test_who_goes_back_listens_anew(begun):
+def test_who_learns_from_the_states_of_its_peers_listens_to_them(begun):
+    node = begun(peers_seen="while_learning")
+    side = node.member.lockstep
+    side.agent.mind.q_star[side.agent.number, :, COORDINATE] = -1e6
+    convert = Converter(node.run)
+    node.hear(STATES, convert.pose(1, 3))
+    assert side.self_report_of(1) is None, "it has not acted"
+    node.hear(PEERS_STATES, convert.pose(1, 5))
+    assert side.self_report_of(1) is not None
+
+
+@pytest.mark.parametrize("peers_seen", ["when_asked", "while_learning"])
+def test_who_goes_back_listens_anew(begun, peers_seen):
     """Messages in flight belong to the time that is taken back, with the same step numbers."""
-    node = begun()
+    node = begun(peers_seen)
     state = Converter(node.run).pose(1, 3)
+    peers = listening(node, PEERS_STATES)
+    assert len(peers) == (peers_seen == "while_learning")
     [before] = listening(node)
     say(node, RunState.LEARNING, 1, 0, Order("the second", 0))
     node.hear(STATES, state)
@@ -108,10 +123,11 @@ def test_who_goes_back_listens_anew(begun):
     node.tick()
     [after] = listening(node)
     assert node.member.joined and after is not before
+    assert not set(peers) & set(listening(node, PEERS_STATES))
     node.hear(STATES, state)
     assert node.member.lockstep.newest == (1, 3)
 
 
-def listening(node):
-    """Return the node's subscriptions to its local state."""
-    return [one for one in node.subscriptions if one.topic == STATES]
+def listening(node, topic=STATES):
+    """Return the node's subscriptions to a topic; by default to its local state."""
+    return [one for one in node.subscriptions if one.topic == topic]

@@ -147,8 +147,8 @@ REFUSED = [
     (WORLD, ["scenario:=env1", "learner:=indiv"], "with one robot at a time; allowed"),
     (
         WORLD,
-        ["scenario:=env1", "learner:=joint"],
-        "from the cells and actions of all robots;",
+        ["scenario:=env1", "learner:=joint", "peers_seen:=when_asked"],
+        "allowed with learner joint: while_learning, as it learns from joint states;",
     ),
     (WORLD, ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
     ("robot", [f"out:={__file__}"], NO_DIRECTORY),

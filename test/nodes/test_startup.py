@@ -20,6 +20,7 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.core.runs.tables import save_team
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
+from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Progress
 from sparse_coord_ros.ros.nodes import parameters, robot, ros_topics
 from sparse_coord_ros.ros.nodes.messages import status
@@ -262,15 +263,18 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
         run_team({**values, "out": str(out), "steps": 1}, context=context)
         (before / "run.yaml").write_text((out / "run.yaml").read_text())
         patch.setattr("sparse_coord_ros.ros.nodes.robot.Member", Watched)
+        patch.setattr(RobotSide, "peer_state", None)  # it hears nothing of its peers
         out = tmp_path / "greedy"
         more = {
             "out": str(out),
             "steps": 80,
             "greedy": True,
             "tables": str(before),
+            "peers_seen": "while_learning",
         }
         summary = run_team({**values, **more}, context=context)
     assert summary["transitions"] == 80
+    assert sum(asks["answered"] for asks in summary["asks"].values()) > 0
     assert len(epsilons) > 80
     assert set(epsilons) == {0.0}
     for mine, theirs in zip(tables_in(out), learned.tables, strict=True):

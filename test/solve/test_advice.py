@@ -72,7 +72,7 @@ def test_robots_that_never_meet_lose_nothing(cost):
 def test_free_questions():
     found = advice(load_scenario("env1", penalty=-100, ask_cost=0))
     assert found.ratio == math.inf and found.kind == WILL_PAY
-    assert "lose 33.86 of it each, and questions are free;" in found.text
+    assert "win back 27.96 of that, and questions are free." in found.text
     assert advice(load_scenario("env1", penalty=0, ask_cost=0)).ratio == 0.0
 
 

@@ -60,8 +60,8 @@ def test_it_states_reward_share_and_loss():
         "The team learned to coordinate: a robot earns 117.00, robots that ignore each other "
         "92.60. This closes 94 % of the gap to the best asking team found (118.51; loss 1.51). "
         "Miscoordinations per episode: 0.41 instead of 0.41. Coordination will pay: a robot alone "
-        "in the world earns 126.45; robots that ignore each other lose 33.86 of it each, as much "
-        "as 33.9 questions cost; a team can win back 27.96 of that."
+        "in the world earns 126.45; robots that ignore each other lose 33.86 of it each; a team "
+        "can win back 27.96 of that, as much as 28.0 questions cost."
     )
 
 
@@ -73,7 +73,7 @@ def test_what_to_try(learner, advice):
     """Coop. settles on not asking: more steps do not help it."""
     found = earning(load_scenario("env1", penalty=-100), 93.0, learner=learner)
     assert found.kind == FAILING and " 2 % of the gap " in found.text
-    assert found.text.endswith(f"a team can win back 27.96 of that. {advice}")
+    assert found.text.endswith(f"of that, as much as 28.0 questions cost. {advice}")
 
 
 @pytest.mark.parametrize("learner", ["indiv", "noncoop"])
@@ -88,7 +88,7 @@ def test_robots_that_cannot_ask_have_not_learned_to_coordinate(learner):
         f"{learner_of(learner).title} cannot ask. In this team a robot earns 117.00, robots that "
         "ignore each other 92.60, the best asking team found 118.51. Coordination will pay: "
         "a robot alone in the world earns 126.45; robots that ignore each other lose 33.86 of it "
-        "each, as much as 33.9 questions cost; a team can win back 27.96 of that. "
+        "each; a team can win back 27.96 of that, as much as 28.0 questions cost. "
         "Try --learner factored."
     )
 

@@ -181,11 +181,6 @@ class Agent:
         check_action(move, PRIMITIVES)
         return action_of(decision, move, perceived=perceived is not None)
 
-    @property
-    def sees_all(self) -> bool:
-        """Whether it learns from the cells of all peers in every step."""
-        return self.learning and self.task.sees_all
-
     def learn(
         self,
         step: int,
@@ -201,7 +196,7 @@ class Agent:
             choice: what it did there.
             reward: R_k(t) in its parts.
             next_cell: X_k(t+1).
-            team: the cells of all robots at t and at t+1; only needed if it sees all.
+            team: the cells of all robots at t and at t+1; only needed with `task.sees_all`.
         """
         if not self.learning:
             return

@@ -31,7 +31,11 @@ from sparse_coord_ros.core.game.perception import (
     MODELS,
     check_found_elsewhere,
 )
-from sparse_coord_ros.core.game.scenario import Scenario, scenario_from_dict
+from sparse_coord_ros.core.game.scenario import (
+    WHILE_LEARNING,
+    Scenario,
+    scenario_from_dict,
+)
 from sparse_coord_ros.core.game.settings import setting, settings_of
 from sparse_coord_ros.core.game.specs import Form, SpecFamily
 from sparse_coord_ros.core.learners.learner import Learner
@@ -160,6 +164,11 @@ class RunConfig:
         return 0.4 * self.step_timeout
 
     @property
+    def sees_all(self) -> bool:
+        """True if its robots learn from the cells of all their peers in every step."""
+        return not self.greedy and self.scenario.peers_seen == WHILE_LEARNING
+
+    @property
     def rule(self) -> Learner:
         """The learner that the run names.
 
@@ -175,9 +184,15 @@ class RunConfig:
 
     @property
     def title(self) -> str:
-        """What its learner is called in print, as far as that may be known."""
+        """What its learner is called in print, as far as that may be known.
+
+        It names the information that the robots learned from if it is not that of Algorithm 1.
+        """
         rule = self.known_rule
-        return self.learner if rule is None else rule.title or self.learner
+        title = self.learner if rule is None else rule.title or self.learner
+        if self.scenario.peers_seen == WHILE_LEARNING:
+            title += ", peers seen while learning"
+        return title
 
     def check_code(self) -> None:
         """Raise `NotAllowedError` where the code that it names may not be imported."""
@@ -228,6 +243,8 @@ class RunConfig:
             "seed": str(self.seed),
             "learner": self.learner,
         }
+        if self.scenario.peers_seen == WHILE_LEARNING:
+            named["peers_seen"] = WHILE_LEARNING
         if self.id:
             named["id"] = self.id
         return named | {

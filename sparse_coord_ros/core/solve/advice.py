@@ -83,9 +83,9 @@ def advice(scenario: Scenario) -> Advice:
         facts += "; robots that ignore each other earn as much"
     else:
         facts += f"; robots that ignore each other lose {loss:.2f} of it each"
-        facts += f", {_cost_in_words(ratio)}"
         if optimum.exact:
             facts += f"; a team can win back {gain:.2f} of that"
+        facts += f", {_cost_in_words(in_questions(gain, scenario))}"
     return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
 
 
@@ -146,7 +146,7 @@ def is_avoidable(loss: float, gain: float) -> bool:
     return loss - gain <= FREE * loss
 
 
-def _cost_in_words(ratio: float) -> str:
-    if math.isinf(ratio):
+def _cost_in_words(questions: float) -> str:
+    if math.isinf(questions):
         return "and questions are free"
-    return f"as much as {ratio:,.1f} questions cost"
+    return f"as much as {questions:,.1f} questions cost"

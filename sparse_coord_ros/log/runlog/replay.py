@@ -43,7 +43,8 @@ class Trajectory(NamedTuple):
         peers: the peers that it asks if it chooses COORDINATE, shape (n, number of them).
         seen: the cells in which it perceived them, shape (n, number of them); all NONE if it did
             not.
-        told: whether the log contains the reward and both states, shape (n,).
+        told: whether the log contains the reward and both states, those of all robots if they
+            learn from them, shape (n,).
         learned: whether the robot learned from the action, shape (n,).
         begins: whether an episode begins with the action, shape (n,).
     """
@@ -72,7 +73,11 @@ def trajectory_of(log: RunLog, k: int, first: int = 0) -> Trajectory:
     step = log.step[rows]
     next_cell = _next_cells(log, k, rows)
     peers = _peers_to_ask(log, k, step)
-    rewarded = ~np.isnan(log.reward[rows, k, 0])
+    told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
+    if log.run.sees_all:
+        for peer in range(len(log.names)):
+            told &= log.cells[rows, peer] != NONE
+            told &= _next_cells(log, peer, rows) != NONE
     return Trajectory(
         row=rows,
         step=step,
@@ -80,7 +85,7 @@ def trajectory_of(log: RunLog, k: int, first: int = 0) -> Trajectory:
         next_cell=next_cell,
         peers=peers,
         seen=_seen_cells(log, k, rows, peers),
-        told=(next_cell != NONE) & rewarded,
+        told=told,
         learned=_learned(log, k, rows),
         begins=~np.isin(step - 1, log.messages.states[k].step),
     )
@@ -157,6 +162,8 @@ class Replay:
         self._steps = trajectory.step.tolist()
         self._cells = trajectory.cell.tolist()
         self._next_cells = trajectory.next_cell.tolist()
+        self._rows = rows.tolist()
+        self._log = log
         self._learned = (trajectory.learned & trajectory.told).tolist()
         self._logged = log.numbers[rows, k, : len(ACTION_LABELS)]
         self._rewards = log.rewards[rows, k]
@@ -191,7 +198,15 @@ class Replay:
             return
         if self._learned[i]:
             choice = Choice(cell, decision, action, perceived)
-            agent.learn(step, choice, _reward(self._rewards[i]), self._next_cells[i])
+            reward = _reward(self._rewards[i])
+            row = self._rows[i]
+            team = None
+            if self._log.run.sees_all:
+                team = (
+                    self._log.cells[row].tolist(),
+                    self._log.cells[row + 1].tolist(),
+                )
+            agent.learn(step, choice, reward, self._next_cells[i], team)
         self.reached = i + 1
         self._decision = None
 

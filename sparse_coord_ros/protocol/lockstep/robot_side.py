@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One robot's side of the lock step, as a state machine without ROS.
 
-`state`, `reward` and `answer` receive messages, in any order between topics, perhaps twice. The
-robot acts through `RobotPort`. The result depends on the messages' content, never on their times.
+`state`, `peer_state`, `reward` and `answer` receive messages, in any order between topics, perhaps
+twice. The robot acts through `RobotPort`. The result depends on the messages' content, never on
+their times.
 """
 
 from collections import deque
@@ -94,7 +95,7 @@ class RobotSide:
             were "repeated" because the peer was a step behind.
         transitions: transitions that it has seen.
         learned: transitions from which it has learned.
-        dropped: transitions without learning, because the reward did not come.
+        dropped: transitions without learning, because the reward or a peer's state did not come.
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
@@ -104,6 +105,11 @@ class RobotSide:
         self._checkpoint = run.checkpoint
         self._max_steps = run.scenario.max_steps
         self._budget = run.scenario.steps
+        self._robots = len(run.scenario.robots)
+        self._sees_all = run.sees_all
+        # the cells of all robots by time step, as far as it has heard of them
+        self._cells_at: dict[int, dict[int, int]] = {}
+        self._due = False  # it chooses when it knows the cells of all robots
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._choice: Choice | None = None  # its outcome is not known yet
@@ -118,7 +124,8 @@ class RobotSide:
     def waiting(self) -> tuple[str, int] | None:
         """The message with a deadline that the robot waits for, and its time step.
 
-        "percept" or "reward". When its deadline passes, call `expire`.
+        "percept"; or "reward", which its peers' states belong to if it sees them. When its
+        deadline passes, call `expire`.
         """
         if self._asked is not None:
             return ("percept", self._handled)
@@ -147,13 +154,24 @@ class RobotSide:
 
     def state(self, step: int, cell: int) -> None:
         """Process the robot's own local state X_k of a time step."""
+        self._note(self.agent.number, step, cell)
         if step <= self.newest[0]:
             self._repeat(step, cell)
             return
         self.newest = (step, cell)
         self._states.append((step, cell))
-        self._asked = None  # if it still asks, the world has continued without it
+        # if it still asks, or still waits to choose, the world has continued without it
+        self._asked = None
+        self._due = False
         self._go_on()
+
+    def peer_state(self, peer: int, step: int, cell: int) -> None:
+        """Process a peer's local state of a time step, which only `run.sees_all` needs."""
+        self._note(peer, step, cell)
+        if self._due:
+            self._choose_when_due()
+        else:
+            self._go_on()
 
     def reward(self, step: int, reward: Reward) -> None:
         """Process R_k of the action at a time step."""
@@ -237,6 +255,8 @@ class RobotSide:
         """
         self.agent = agent
         self._states.clear()
+        self._cells_at.clear()
+        self._due = False
         self._reward = self._choice = self._asked = None
         if state is not None:
             agent.go_on_from(state.memory)
@@ -263,9 +283,12 @@ class RobotSide:
             before = self._handled
             choice = self._choice
             if choice is not None and step == before + 1:
-                if self._reward is None:
+                if self._reward is None or not self._knows_all(step):
                     return
-                self.agent.learn(before, choice, self._reward, cell)
+                team = None
+                if self._sees_all:
+                    team = (self._all_cells(before), self._all_cells(step))
+                self.agent.learn(before, choice, self._reward, cell, team)
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
             self._choice = self._reward = None
@@ -277,6 +300,8 @@ class RobotSide:
                 self._port.episode(step)
             self._handled = step
             self._cell = cell
+            for old in [one for one in self._cells_at if one < step]:
+                del self._cells_at[old]
             if (
                 self._checkpoint
                 and before // self._checkpoint < step // self._checkpoint
@@ -284,14 +309,28 @@ class RobotSide:
                 if before != BEFORE_ANY_STEP:
                     self._port.checkpoint(step)
             if not self._states and not self._rests(step, cell):
-                self._choose()
+                self._choose_when_due()
 
     def _repeat(self, step: int, cell: int) -> None:
         """The world repeats a state because the action is missing: repeat it, or choose it."""
         if self._choice is not None and self._handled == step:
             self._port.act(step, self._choice.action, self._self_report)
         elif self._asked is None and self._handled == step and cell != self.agent.goal:
-            self._choose()
+            self._choose_when_due()
+
+    def _note(self, robot: int, step: int, cell: int) -> None:
+        """Note the cell of a robot at a time step."""
+        if self._sees_all and step >= self._handled:
+            self._cells_at.setdefault(step, {})[robot] = cell
+
+    def _knows_all(self, step: int) -> bool:
+        """Return whether it knows all cells of a time step from which it learns."""
+        return not self._sees_all or len(self._cells_at.get(step, ())) == self._robots
+
+    def _all_cells(self, step: int) -> tuple[int, ...]:
+        """Return the cells of all robots at a time step."""
+        cells = self._cells_at[step]
+        return tuple(cells[k] for k in range(self._robots))
 
     def _rests(self, step: int, cell: int) -> bool:
         """Return whether no action is due: arrived, end of the episode, or end of the run."""
@@ -301,6 +340,12 @@ class RobotSide:
             or cell == self.agent.goal
             or step - self._episode_start >= self._max_steps
         )
+
+    def _choose_when_due(self) -> None:
+        """Choose an action; before it, all cells from which it will learn must be known."""
+        self._due = not self._knows_all(self._handled)
+        if not self._due:
+            self._choose()
 
     def _choose(self) -> None:
         if self._handled == self._episode_start:

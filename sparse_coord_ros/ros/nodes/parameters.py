@@ -33,7 +33,6 @@ from sparse_coord_ros.base.errors import (
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import (
     SETTINGS,
-    WHILE_LEARNING,
     Scenario,
     load_scenario,
     scenario_names,
@@ -471,14 +470,9 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     scenario = load_scenario(values["scenario"]).with_settings(_settings_in(values))
     allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
-    if not run.rule.runs_live or run.scenario.peers_seen == WHILE_LEARNING:
-        how = (
-            "with one robot at a time"
-            if run.rule.alone
-            else "from the cells and actions of all robots"
-        )
+    if not run.rule.runs_live:
         raise SettingError(
-            f"parameter learner: value is {run.learner!r}, which learns {how}; "
+            f"parameter learner: value is {run.learner!r}, which learns with one robot at a time; "
             f"allowed here: {LIVE_LEARNER.usage}; use "
             f"'sparse_coord train --learner {run.learner}'"
         )

@@ -1,10 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The robot node: one agent of Algorithm 1, which knows its peers only by their answers.
+"""The robot node: one agent of Algorithm 1, which acts on what its peers answer.
 
 `Member` is the robot's part in a run, and exists once the run is known.
 """
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -167,6 +168,10 @@ class Member:
         step, cell = said
         self.lockstep.state(step, cell)
 
+    def _on_peer_state(self, peer: int, said: tuple[int, int]) -> None:
+        if self.joined:
+            self.lockstep.peer_state(peer, *said)
+
     def _on_save(self) -> tuple[bool, str]:
         if not self._begun:
             return False, "the run has not begun: nothing can be saved"
@@ -229,6 +234,16 @@ class Member:
                 unpack=convert.unpack_state,
             ),
         ]
+        if self.run.sees_all:
+            for peer in self.lockstep.agent.peers:
+                self._ears.append(
+                    listen(
+                        ros_topics.LOCAL_STATE,
+                        partial(self._on_peer_state, peer),
+                        convert.names[peer],
+                        unpack=convert.unpack_state,
+                    )
+                )
         self.joined = True
 
     def _not_heard_by(self) -> str:

@@ -109,9 +109,11 @@ class WorldTopics:
         """
         heard_by = self._node.heard_by
         missing = []
-        of_each = zip(self._names, self.states, self.rewards, self.actions, strict=True)
-        for name, *own, action in of_each:
-            ends = [one.topic_name for one in own if not heard_by(one, name)]
+        for k, (name, action) in enumerate(zip(self._names, self.actions, strict=True)):
+            heard = [self.rewards[k], self.states[k]]
+            if self._run.sees_all:
+                heard = [self.rewards[k], *self.states]
+            ends = [one.topic_name for one in heard if not heard_by(one, name)]
             lacks = [f"a subscription to {topic}" for topic in ends]
             if action.get_publisher_count() == 0:
                 lacks.append(f"a publisher of {action.topic_name}")
