@@ -23,6 +23,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+import numpy as np
+
 from sparse_coord_ros.base.errors import (
     EXIT_INTERRUPTED,
     SparseCoordError,
@@ -155,6 +157,18 @@ def jitable(function: F) -> F:
     """
     _jitable.setdefault(function, False)
     return function
+
+
+def viewed(value: Any) -> Any:
+    """Return a named tuple for plain Python: with views instead of arrays, of the same memory.
+
+    `memoryview(a)[k, x]` is a number of Python. It takes a fourth of the time of `int(a[k, x])`.
+    """
+    if isinstance(value, np.ndarray):
+        return memoryview(value.data)
+    if isinstance(value, tuple):
+        return type(value)(*map(viewed, value))
+    return value
 
 
 def jit(

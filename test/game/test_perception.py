@@ -14,7 +14,6 @@ from sparse_coord_ros.core.game.perception import (
     asked_peers,
     register_perception,
     sight_of,
-    succeeds,
 )
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.game.sight import (
@@ -196,8 +195,3 @@ def test_who_is_asked():
         assert asked == {(peer,): 100 for peer in range(4) if peer != number}
     assert asked_peers("all", 2, 4, 0.9) == (0, 1, 3)
     assert asked_peers("one", 0, 1, 0.9) == asked_peers("all", 0, 1, 0.9) == ()
-
-
-def test_a_percept_succeeds_where_the_draw_is_below_the_probability():
-    assert succeeds(0.0, 0.1) and not succeeds(0.1, 0.1) and not succeeds(0.0, 0.0)
-    assert succeeds(0.5, np.array([0.2, 0.8, 0.5])).tolist() == [False, True, False]

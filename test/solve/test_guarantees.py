@@ -393,15 +393,49 @@ def test_in_env2_it_goes_round_if_a_question_costs_12():
             assert settles(game) == settled
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("cost", "settled"), [(1, 38), (5, 36), (12, 22)])
-def test_how_often_it_settles_in_19_maps(cost, settled):
+def nineteen_maps(ask_cost=1):
+    """Yield the name of a map, a robot's problem beside a peer on a shortest path, the start."""
     names = ["env1", "env2-2r"]
     for kind in ("door", "doors", "corridor", "rooms", "loop", "crossing"):
         names += [f"unseen1-{kind}-2r-{seed}" for seed in (1, 3, 5)]
-    found = []
     for name in names:
-        scenario = load_scenario(name, penalty=-100, ask_cost=cost)
+        scenario = load_scenario(name, penalty=-100, ask_cost=ask_cost)
         if len(scenario.map.cells) <= 45:
-            found += map(settles, games_of(scenario, walking(scenario)))
+            starts = [robot.start for robot in scenario.robots]
+            for k, game in enumerate(games_of(scenario, walking(scenario))):
+                begin = np.zeros_like(game.weights)
+                begin[starts[k], starts[1 - k]] = 1.0
+                yield name, game, begin
+
+
+def earned_by(game, table, begin):
+    """Return what a robot earns that acts on a table: it need not be the table of its values."""
+    decisions = chosen(game, table)
+    likely = acting(table, decisions)
+    met = occupancy(game, likely, begin)
+    asks = decisions == game.reward.shape[2]
+    earned = (met * (likely * game.reward).sum(axis=2)).sum()
+    return earned - game.cost * (met.sum(axis=1) @ asks)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("cost", "settled"), [(1, 38), (5, 36), (12, 22)])
+def test_how_often_it_settles_in_19_maps(cost, settled):
+    found = [settles(game) for _, game, _ in nineteen_maps(cost)]
     assert (len(found), sum(found)) == (38, settled)
+
+
+@pytest.mark.long
+def test_what_both_operators_earn_in_19_maps():
+    corridors, others = [], []
+    for name, game, begin in nineteen_maps():
+        first = np.full(game.reward.shape, 200.0)
+        found = [limit(operator, game, first) for operator in (algorithm1, improved)]
+        earned = [earned_by(game, table, begin) for table in found]
+        best = (begin * informed(game).max(axis=2)).sum()
+        (corridors if "corridor" in name else others).append([*earned, best])
+    assert (len(corridors), len(others)) == (6, 32)
+    assert np.mean(corridors, axis=0) == pytest.approx(
+        [96.66, 110.49, 115.27], abs=0.01
+    )
+    assert np.mean(others, axis=0) == pytest.approx([130.01, 130.07, 131.80], abs=0.01)

@@ -73,30 +73,21 @@ class GridMap:
     @cached_property
     def cells(self) -> tuple[tuple[int, int], ...]:
         """(row, column) of each free cell; the index is the cell's number."""
-        r, c = self._places
-        return tuple(zip(r.tolist(), c.tolist(), strict=True))
+        return tuple(map(tuple, self.places.tolist()))
 
     @cached_property
-    def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """The row and the column of each free cell."""
+    def places(self) -> np.ndarray:
+        """Shape (cells, 2), int64: the row and the column of each free cell."""
         signs = np.frombuffer("".join(self.rows).encode(), dtype=np.uint8).reshape(
             self.shape
         )
-        r, c = np.nonzero(signs != ord(WALL))
-        return r, c
-
-    @cached_property
-    def squares(self) -> np.ndarray:
-        """Shape (cells,), int64: the square of each free cell, row * columns + column."""
-        r, c = self._places
-        squares: np.ndarray = r * self.shape[1] + c
-        return squares
+        return np.argwhere(signs != ord(WALL))
 
     @cached_property
     def free(self) -> np.ndarray:
-        """Shape (squares,), bool: whether a square is free."""
-        free = np.zeros(self.shape[0] * self.shape[1], dtype=np.bool_)
-        free[self.squares] = True
+        """Shape (rows, columns), bool: whether a square of the grid is no wall."""
+        free = np.zeros(self.shape, dtype=np.bool_)
+        free[tuple(self.places.T)] = True
         return free
 
     @cached_property
@@ -154,7 +145,7 @@ class GridMap:
         rows, columns = self.shape
         # walls around
         number = np.full((rows + 2, columns + 2), UNREACHABLE, dtype=np.int64)
-        r, c = (place + 1 for place in self._places)
+        r, c = (place + 1 for place in self.places.T)
         number[r, c] = np.arange(len(r))
         after = np.stack([number[r + dr, c + dc] for dr, dc in DIRECTIONS], axis=1)
         return np.where(after == UNREACHABLE, np.arange(len(r))[:, None], after)

@@ -20,14 +20,12 @@ from sparse_coord_ros.core.game.interactions import miscoordinates, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     Problem,
-    asking_reward,
-    common_reward,
     episode_ends,
-    individual_reward,
     led,
     paid_for_ever,
     perceive,
     problem_of,
+    rewards_of,
     start_of,
 )
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -303,10 +301,10 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
         acts = not games.arrived[i, k]
         home = acts and cells[k] == problem.goals[k]
         asked = acts and games.chosen[i, k] == COORDINATE
-        common = common_reward(problem, k, conflict)
-        ask_cost = asking_reward(problem, asked)
+        parts = rewards_of(problem, k, conflict, home, asked)
+        individual, common, ask_cost = parts
         outcome.reward[i, k] = paid_for_ever(problem, home, common, ask_cost)
-        infos.reward_parts[i, k, 0] = individual_reward(problem, home)
+        infos.reward_parts[i, k, 0] = individual
         infos.reward_parts[i, k, 1] = common
         infos.reward_parts[i, k, 2] = ask_cost
         if home:

@@ -262,17 +262,6 @@ def check_pairs(grid: GridMap, what: str, most: int) -> None:
         )
 
 
-@jitable
-def succeeds(draw: Any, probability: Any) -> Any:
-    """Return whether a percept succeeds, for numbers or arrays. The loops compile it.
-
-    Args:
-        draw: the asker's draw of the time step.
-        probability: that of the two robots' cells, from `sight.probability`.
-    """
-    return draw < probability
-
-
 def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int, ...]:
     """Return the peers that COORDINATE asks, in ascending order (paper, Section 3.2; footnote 3).
 

@@ -9,7 +9,7 @@ from sparse_coord_ros.core.game.draws import (
     draw,
     keys_of,
 )
-from sparse_coord_ros.core.game.perception import sight_of, succeeds
+from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import probability
 from sparse_coord_ros.core.game.specs import Spec
@@ -52,4 +52,4 @@ class Percepts:
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Return whether a robot in cell `here` perceives one in cell `there` at a time step."""
         chance = draw(self._keys[asker], step, PERCEPT)
-        return bool(succeeds(chance, probability(self._sight, here, there)))
+        return bool(chance < probability(self._sight, here, there))

@@ -25,7 +25,7 @@ from sparse_coord_ros.core.game.interactions import (
     Interactions,
     interactions_of,
 )
-from sparse_coord_ros.core.game.perception import drawn_peer, sight_of, succeeds
+from sparse_coord_ros.core.game.perception import drawn_peer, sight_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.sight import BLIND, Sight, probability
 
@@ -53,6 +53,7 @@ class Problem(NamedTuple):
         goal_reward: r^I at the goal.
         ask_cost: cost of COORDINATE.
         discount: gamma.
+        goal_total: the sum of what the goal pays from the arrival on, for ever.
     """
 
     starts: Any
@@ -68,6 +69,7 @@ class Problem(NamedTuple):
     goal_reward: float
     ask_cost: float
     discount: float
+    goal_total: float
 
 
 def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
@@ -97,6 +99,7 @@ def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
         goal_reward=scenario.goal_reward,
         ask_cost=scenario.ask_cost,
         discount=scenario.discount,
+        goal_total=scenario.goal_reward / (1.0 - scenario.discount),
     )
 
 
@@ -114,15 +117,17 @@ def start_of(problem: Problem, keys: Any, k: int, step: int, exploring: float) -
     key = keys[ENVIRONMENT, k]
     if exploring > 0.0 and draw(key, step, START) < exploring:
         pick = int(draw(key, step, START_CELL) * problem.start_counts[k])
-        return int(problem.start_cells[k, pick])
-    return int(problem.starts[k])
+        chosen: int = problem.start_cells[k, pick]
+        return chosen
+    start: int = problem.starts[k]
+    return start
 
 
 @jitable
 def led(problem: Problem, keys: Any, k: int, step: int, cell: int, move: int) -> int:
     """Return the cell in which a move of robot k ends: where it leads, or the same cell."""
     if draw(keys[ENVIRONMENT, k], step, MOTION) < problem.move_success:
-        return int(problem.next_cell[cell, move])
+        cell = problem.next_cell[cell, move]
     return cell
 
 
@@ -131,19 +136,15 @@ def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     """Return the peers that robot k perceives by COORDINATE, the sum of 2^j; 0: it fails."""
     team = len(cells)
     chance = draw(keys[ENVIRONMENT, k], step, PERCEPT)
-    if team == 2:
-        if succeeds(chance, probability(problem.sight, cells[k], cells[1 - k])):
-            return 2 - k
-        return 0
     first = 0
     end = team
-    if not problem.all_peers and team > 1:
+    if team > 2 and not problem.all_peers:
         first = drawn_peer(k, team, draw(keys[ROBOT, k], step, PEER))
         end = first + 1
     seen = 0
     for j in range(first, end):
         if j != k:
-            if not succeeds(chance, probability(problem.sight, cells[k], cells[j])):
+            if chance >= probability(problem.sight, cells[k], cells[j]):
                 return 0
             seen |= 1 << j
     return seen
@@ -162,27 +163,22 @@ def episode_ends(all_arrived: bool, steps: int, most: int) -> bool:
 
 
 @jitable
-def individual_reward(problem: Problem, arrives: bool) -> float:
-    """Return r^I_k of a step."""
-    return problem.goal_reward if arrives else 0.0
+def rewards_of(
+    problem: Problem, k: int, conflict: bool, arrives: bool, asked: bool
+) -> tuple[float, float, float]:
+    """Return the parts of R_k(t): r^I, r^C, and minus the cost of asking.
 
-
-@jitable
-def common_reward(problem: Problem, k: int, conflict: bool) -> float:
-    """Return r^C of a step for robot k, arrived or not: any robots may miscoordinate."""
-    return float(problem.penalties[k]) if conflict else 0.0
-
-
-@jitable
-def asking_reward(problem: Problem, asked: bool) -> float:
-    """Return minus the cost of COORDINATE, answered or not; or 0."""
-    return -problem.ask_cost if asked else 0.0
-
-
-@jitable
-def goal_paid(problem: Problem, factor: float) -> float:
-    """Return the total that the goal pays from the arrival on, for ever, times a factor."""
-    return factor * problem.goal_reward / (1.0 - problem.discount)
+    Args:
+        problem: the scenario.
+        k: the robot.
+        conflict: whether the step is a miscoordination; it costs robots that have arrived, too.
+        arrives: whether robot k arrives with it.
+        asked: whether it chose COORDINATE, answered or not.
+    """
+    individual = problem.goal_reward if arrives else 0.0
+    common = problem.penalties[k] if conflict else 0.0
+    asking = -problem.ask_cost if asked else 0.0
+    return individual, common, asking
 
 
 @jitable
@@ -197,8 +193,8 @@ def paid_for_ever(
     Args:
         problem: the scenario.
         arrives: whether the robot arrives with this step.
-        common: r^C of the step, as of `common_reward`.
-        ask_cost: as of `asking_reward`.
+        common: r^C of the step, as of `rewards_of`.
+        ask_cost: minus the cost of asking, likewise.
     """
-    goal = goal_paid(problem, 1.0) if arrives else 0.0
+    goal = problem.goal_total if arrives else 0.0
     return goal + common + ask_cost

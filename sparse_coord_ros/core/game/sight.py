@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.compiling import jitable
+from sparse_coord_ros.base.compiling import jitable, viewed
 from sparse_coord_ros.core.game.grid import GridMap
 
 CONSTANT, RANGE, LINE_OF_SIGHT, TABLE = range(4)
@@ -27,9 +27,8 @@ class Sight(NamedTuple):
         kind: CONSTANT, RANGE, LINE_OF_SIGHT or TABLE.
         constant: of CONSTANT the probability.
         reach: of RANGE the greatest squared distance, in cells.
-        columns: of the map.
-        squares: of RANGE and LINE_OF_SIGHT the square of each cell, row * columns + column [x].
-        free: of LINE_OF_SIGHT whether a square is free [square].
+        places: of RANGE and LINE_OF_SIGHT the row and the column of each cell [x, 2].
+        free: of LINE_OF_SIGHT whether a square of the grid is no wall [row, column].
         table: of TABLE the probabilities [x, z].
         everywhere: whether a percept always succeeds, wherever the peer is [x]; `NOT_LOOKED`
             until first needed.
@@ -38,20 +37,18 @@ class Sight(NamedTuple):
     kind: int
     constant: float
     reach: int
-    columns: int
-    squares: np.ndarray
-    free: np.ndarray
-    table: np.ndarray
-    everywhere: np.ndarray
+    places: Any
+    free: Any
+    table: Any
+    everywhere: Any
 
 
 BLIND = Sight(
     kind=CONSTANT,
     constant=0.0,
     reach=0,
-    columns=1,
-    squares=np.zeros(0, dtype=np.int64),
-    free=np.zeros(0, dtype=np.bool_),
+    places=np.zeros((0, 2), dtype=np.int64),
+    free=np.zeros((0, 0), dtype=np.bool_),
     table=np.zeros((0, 0)),
     everywhere=np.zeros(0, dtype=np.int8),
 )
@@ -77,12 +74,12 @@ def within(grid: GridMap, distance: float) -> Sight:
         reach = int(distance**2) + 1
         while reach and np.sqrt(reach) > distance:
             reach -= 1
-    return _on(grid, RANGE, reach=reach, squares=grid.squares)
+    return _on(grid, RANGE, reach=reach, places=grid.places)
 
 
 def line_of_sight(grid: GridMap) -> Sight:
     """Return the model that succeeds where no wall is between the cells' centres."""
-    return _on(grid, LINE_OF_SIGHT, squares=grid.squares, free=grid.free)
+    return _on(grid, LINE_OF_SIGHT, places=grid.places, free=grid.free)
 
 
 def tabled(grid: GridMap, table: np.ndarray) -> Sight:
@@ -92,9 +89,7 @@ def tabled(grid: GridMap, table: np.ndarray) -> Sight:
 
 def _on(grid: GridMap, kind: int, **more: Any) -> Sight:
     everywhere = np.full(len(grid.cells), NOT_LOOKED, dtype=np.int8)
-    return BLIND._replace(
-        kind=kind, columns=grid.shape[1], everywhere=everywhere, **more
-    )
+    return BLIND._replace(kind=kind, everywhere=everywhere, **more)
 
 
 # Pairs of cells.
@@ -105,60 +100,57 @@ def probability(sight: Sight, x: int, z: int) -> float:
     """Return the probability that a percept succeeds."""
     if sight.kind == CONSTANT:
         return sight.constant
-    return _by_place(sight, x, z)
-
-
-@jitable
-def _by_place(sight: Sight, x: int, z: int) -> float:
-    """As `probability`, for models that depend on the cells."""
     if sight.kind == TABLE:
-        found: float = sight.table[x, z]
-        return found
-    here = int(sight.squares[x])
-    there = int(sight.squares[z])
-    if sight.kind == LINE_OF_SIGHT:
-        return 1.0 if is_in_sight(sight.free, sight.columns, here, there) else 0.0
-    rows = there // sight.columns - here // sight.columns
-    columns = there % sight.columns - here % sight.columns
-    return 1.0 if is_near(rows, columns, sight.reach) else 0.0
+        in_table: float = sight.table[x, z]
+        return in_table
+    row = sight.places[x, 0]
+    column = sight.places[x, 1]
+    rows = sight.places[z, 0] - row
+    columns = sight.places[z, 1] - column
+    if sight.kind == RANGE:
+        seen = rows * rows + columns * columns <= sight.reach
+    else:
+        seen = is_in_sight(sight.free, row, column, rows, columns)
+    return 1.0 if seen else 0.0
 
 
 @jitable
-def is_near(rows: Any, columns: Any, reach: int) -> Any:
-    """Return whether cells so many rows and columns apart are within reach: numbers or arrays."""
-    return rows * rows + columns * columns <= reach
-
-
-@jitable
-def is_in_sight(free: Any, columns: int, here: int, there: int) -> bool:
+def is_in_sight(free: Any, row: int, column: int, rows: int, columns: int) -> bool:
     """Return whether the straight line between two squares' centres crosses no wall.
 
     It walks in exact integer steps through every square whose inside the line crosses. A line
     through a corner point of four squares passes if one of the two squares beside the corner is
     free.
+
+    Args:
+        free: whether a square is no wall [row, column].
+        row: of the first square.
+        column: likewise.
+        rows: how far down the second square is.
+        columns: how far to the right.
     """
-    rows_apart = there // columns - here // columns
-    columns_apart = there % columns - here % columns
-    down = columns if rows_apart > 0 else -columns
-    right = 1 if columns_apart > 0 else -1
-    rows = abs(rows_apart)
-    sides = abs(columns_apart)
+    to_row = row + rows
+    to_column = column + columns
+    down = 1 if rows > 0 else -1
+    right = 1 if columns > 0 else -1
+    rows = abs(rows)
+    columns = abs(columns)
     # Twice the (signed) distance to the next row border against that to the next column border.
-    error = sides - rows
-    square = here
-    while square != there:
+    error = columns - rows
+    while row != to_row or column != to_column:
         if error == 0:
-            if not (free[square + down] or free[square + right]):
+            if not (free[row + down, column] or free[row, column + right]):
                 return False
-            square += down + right
-            error += 2 * (sides - rows)
+            row += down
+            column += right
+            error += 2 * (columns - rows)
         elif error > 0:
-            square += right
+            column += right
             error -= 2 * rows
         else:
-            square += down
-            error += 2 * sides
-        if not free[square]:
+            row += down
+            error += 2 * columns
+        if not free[row, column]:
             return False
     return True
 
@@ -202,16 +194,15 @@ def probabilities_between(sight: Sight, cells: np.ndarray) -> np.ndarray:
     if sight.kind == TABLE:
         found: np.ndarray = sight.table[np.ix_(cells, cells)]
         return found
-    squares = sight.squares[cells]
     if sight.kind == RANGE:
-        r, c = np.divmod(squares, sight.columns)
-        near = is_near(r[:, None] - r, c[:, None] - c, sight.reach)
-        return np.asarray(near, dtype=np.float64)
+        rows, columns = sight.places[cells].T
+        apart = (rows[:, None] - rows) ** 2 + (columns[:, None] - columns) ** 2
+        return np.asarray(apart <= sight.reach, dtype=np.float64)
     found = np.eye(n)
-    places = squares.tolist()
-    free = sight.free.tolist()
-    for x in range(n):
-        for z in range(x):
-            seen = is_in_sight(free, sight.columns, places[x], places[z])
-            found[x, z] = found[z, x] = seen
+    views = viewed(sight)
+    numbers = cells.tolist()
+    for i, x in enumerate(numbers):
+        for j, z in enumerate(numbers[:i]):
+            seen = probability(views, x, z)
+            found[i, j] = found[j, i] = seen
     return found

@@ -8,6 +8,7 @@ The world simulator node, the simulation without ROS and the evaluation all step
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from sparse_coord_ros.base.compiling import viewed
 from sparse_coord_ros.core.game.draws import LEARNING, keys_of
 from sparse_coord_ros.core.game.interactions import (
     miscoordinates,
@@ -17,12 +18,10 @@ from sparse_coord_ros.core.game.interactions import (
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
-    asking_reward,
-    common_reward,
     episode_ends,
-    individual_reward,
     led,
     problem_of,
+    rewards_of,
     start_of,
 )
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -150,8 +149,8 @@ class World:
         self.episode = 0
         self.transitions = 0
         self.miscoordinations = 0
-        self._problem = problem_of(scenario, percepts=False)
-        self._keys = keys_of(seed, phase, len(scenario.robots))
+        self._problem = viewed(problem_of(scenario, percepts=False))
+        self._keys = viewed(keys_of(seed, phase, len(scenario.robots)))
         self._exploring = None
         if phase == LEARNING:
             self._exploring = probabilities(scenario.starts, scenario.steps)
@@ -223,23 +222,17 @@ class World:
         rewards = []
         for k, action in enumerate(actions):
             others = partners(inter, before, wanted, self.cells, k)
-            common = common_reward(self._problem, k, conflict)
-            rewards.append(self._reward(action, k in arrivals, common, others))
+            asked = action is not None and action.asked
+            parts = rewards_of(self._problem, k, conflict, k in arrivals, asked)
+            individual, common, cost = parts
+            total = individual + common + cost
+            rewards.append(Reward(individual, common, cost, total, others))
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
         self.transitions += 1
         self.miscoordinations += conflict
         return StepOutcome(tuple(rewards), conflict, tuple(arrivals), self.episode_over)
-
-    def _reward(
-        self, action: Action | None, home: bool, common: float, others: int
-    ) -> Reward:
-        """Return R_k(t)."""
-        problem = self._problem
-        individual = individual_reward(problem, home)
-        cost = asking_reward(problem, action is not None and action.asked)
-        return Reward(individual, common, cost, individual + common + cost, others)
 
     def led(self, k: int, move: int) -> int:
         """Return the cell in which a move of agent k ends in this time step."""

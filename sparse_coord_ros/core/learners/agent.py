@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import LEARNING, PEER, TIE, draw
+from sparse_coord_ros.base.compiling import viewed
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import LEARNING, PEER, draw
 from sparse_coord_ros.core.game.perception import asked_peers
 from sparse_coord_ros.core.game.plugins import is_shipped
 from sparse_coord_ros.core.game.rules import UNKNOWN_PARTNERS
@@ -25,7 +26,7 @@ from sparse_coord_ros.core.learners.rules import (
     Transition,
     check_action,
     everybody_but,
-    greedy,
+    greedy_action,
     scheduled,
 )
 from sparse_coord_ros.core.learners.tables import Tables
@@ -123,8 +124,8 @@ class Agent:
         self.learning = learning
         self.goal = scenario.robots[number].goal
         self.peers = tuple(k for k in range(len(scenario.robots)) if k != number)
-        self.task = learner.task(scenario, seed, phase, learning=learning)
-        self._key = int(self.task.keys[number])
+        task = learner.task(scenario, seed, phase, learning=learning)
+        self.task = viewed(task)
         self.go_on_from(memory)
         if not is_shipped(learner):
             for name, doing in DOING.items():
@@ -146,10 +147,10 @@ class Agent:
             action = self.learner.decide(self.mind, self.task, k, step, cell)
             check_action(action, self.task.actions)
         else:
-            action = greedy(self.values(cell), len(ACTIONS), self._key, step, TIE)
+            action = greedy_action(self.mind, self.task, k, step, cell)
         if action != COORDINATE:
             return Decision(action)
-        chance = draw(self._key, step, PEER)
+        chance = draw(self.task.keys[k], step, PEER)
         peers = asked_peers(self.scenario.peers, k, self.task.robots, chance)
         return Decision(action, peers)
 

@@ -179,7 +179,7 @@ class CQ(Learner):
         cell = now.cell
         mind.updates[k, cell, now.action] += 1
         values = mind.q_star[k, cell]
-        common = task.weights[1] * now.common
+        common = task.weights.common * now.common
         if now.action != COORDINATE:
             if not is_marked(values) and differs(
                 mind.samples[k, cell, now.move], common
@@ -211,7 +211,7 @@ def pair_key(mind: Any, task: Task, k: int, cell: int, peer: int, cells: Any) ->
         cells: the cells of all robots.
     """
     pairs = mind.samples.shape[2] - PRIMITIVES
-    key = cell * pairs + int(cells[peer])
+    key = cell * pairs + cells[peer]
     if pairs > task.cells:
         key += peer * task.cells
     return key

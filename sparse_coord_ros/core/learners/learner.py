@@ -456,7 +456,6 @@ class Learner:
             phase: LEARNING or EVALUATION: which random draws the robots use.
             learning: whether the robots learn.
         """
-        weights = self.weights(scenario)
         inter = interactions_of(scenario)
         sight = BLIND
         if self.rules_out:
@@ -471,7 +470,7 @@ class Learner:
             goal_value=scenario.goal_value,
             goal_reward=scenario.goal_reward,
             ask_cost=scenario.ask_cost,
-            weights=np.array(weights),
+            weights=RewardWeights(*map(float, self.weights(scenario))),
             epsilon=probabilities(scenario.epsilon, scenario.steps),
             step_sizes=sizes.by_count,
             floors=sizes.by_step,

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.base.compiling import viewed
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.files import free_memory
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -129,6 +130,22 @@ def with_room(mind: Any) -> Any:
     for name, value in mind._asdict().items():
         if isinstance(value, Table):
             changed[name] = grown(value, 2 * value.keys.shape[1])
+    return mind._replace(**changed)
+
+
+def with_views(mind: Any) -> Any:
+    """Return a team's mind for the loop in plain Python.
+
+    Its tables look up their rows in views (`compiling.viewed`). Rows themselves stay arrays.
+    """
+    changed = {}
+    for name, value in mind._asdict().items():
+        if isinstance(value, Table):
+            changed[name] = value._replace(
+                keys=viewed(value.keys),
+                used=viewed(value.used),
+                index=viewed(value.index),
+            )
     return mind._replace(**changed)
 
 

@@ -24,6 +24,7 @@ from sparse_coord_ros.core.game.draws import (
     draw,
 )
 from sparse_coord_ros.core.game.sight import Sight
+from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 __all__ = ["Task", "Transition", "COORDINATE"]
@@ -55,8 +56,7 @@ class Task(NamedTuple):
         goal_value: value of being at the goal while learning.
         goal_reward: r^I on arrival.
         ask_cost: the cost of asking.
-        weights: how much the individual part, the common part and the cost of asking of a reward
-            count in learning [3].
+        weights: how much each part of a reward counts in learning.
         epsilon: probability of an explored action [time step]; after its end the last one holds.
         step_sizes: the step size of the n-th update of an entry, without the floor [n].
         floors: least step size [time step]; likewise.
@@ -81,7 +81,7 @@ class Task(NamedTuple):
     goal_value: float
     goal_reward: float
     ask_cost: float
-    weights: Any
+    weights: RewardWeights
     epsilon: Any
     step_sizes: Any
     floors: Any
@@ -191,6 +191,13 @@ def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
 
 
 @jitable
+def greedy_action(mind: Any, task: Task, k: int, step: int, cell: int) -> int:
+    """Return A_k(t) of a robot that does not learn: the greedy action by Q*."""
+    values = mind.q_star[k, cell]
+    return greedy(values, len(ACTIONS), task.keys[k], step, TIE)
+
+
+@jitable
 def epsilon_greedy(values: Values, task: Task, k: int, step: int) -> int:
     """Return A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4).
 
@@ -273,7 +280,9 @@ def scheduled(values: Any, step: int) -> float:
         values: a number for each time step: `task.epsilon` or `task.floors`.
         step: the time step t.
     """
-    return float(values[min(step, len(values) - 1)])
+    if step < len(values):
+        return float(values[step])
+    return float(values[-1])
 
 
 @jitable
@@ -313,9 +322,8 @@ def reward_of(task: Task, now: Transition) -> float:
         now: the transition.
     """
     weights = task.weights
-    return float(
-        weights[0] * now.individual + weights[1] * now.common + weights[2] * now.asking
-    )
+    own = weights.individual * now.individual
+    return own + weights.common * now.common + weights.ask_cost * now.asking
 
 
 @jitable
@@ -341,7 +349,7 @@ def ql_update(
         reward: r.
         after: max_b' Q'(y, b'), or the value of the goal.
     """
-    count = int(updates[b]) + 1
+    count = updates[b] + 1
     updates[b] = count
     alpha = step_size(task, count, step)
     target = reward + task.discount * after
@@ -380,10 +388,8 @@ def joint_state(task: Task, k: int, cell: int, seen: int, cells: Any) -> int:
         seen: the peers that it perceives, the sum of 2^j.
         cells: the cells of all robots.
     """
-    if task.robots == 2:
-        return cell * task.cells + int(cells[1 - k])
     key = cell
     for j in range(task.robots):
         if (seen >> j) & 1:
-            key = key * task.cells + int(cells[j])
+            key = key * task.cells + cells[j]
     return key

@@ -99,7 +99,7 @@ def find(rows: Table, k: int, key: int) -> int:
         k: the robot.
         key: the key, such as the number of a joint state.
     """
-    row = int(rows.index[k, place_of(rows, k, key)])
+    row = rows.index[k, place_of(rows, k, key)]
     return row if row != 0 else key // rows.span
 
 
@@ -117,10 +117,10 @@ def met(rows: Table, task: Any, k: int, key: int) -> int:
         key: as of `find`.
     """
     place = place_of(rows, k, key)
-    row = int(rows.index[k, place])
+    row = rows.index[k, place]
     if row != 0:
         return row
-    row = int(rows.used[k])
+    row = rows.used[k]
     begun = key // rows.span
     for b in range(PRIMITIVES):
         rows.values[k, row, b] = rows.values[k, begun, b]

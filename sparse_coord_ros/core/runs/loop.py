@@ -10,29 +10,26 @@ import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.base.compiling import jit, jitable
-from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.game.draws import TIE
+from sparse_coord_ros.base.compiling import jit, jitable, viewed
+from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.interactions import miscoordinates, partners, settle
 from sparse_coord_ros.core.game.rules import (
     EPISODE_GAP,
     UNKNOWN_PARTNERS,
     Problem,
-    asking_reward,
-    common_reward,
     episode_ends,
-    goal_paid,
-    individual_reward,
     led,
     perceive,
+    rewards_of,
     start_of,
 )
+from sparse_coord_ros.core.learners.mind import with_views
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
     check_action,
     everybody_but,
-    greedy,
+    greedy_action,
     scheduled,
 )
 
@@ -47,8 +44,6 @@ class Run(NamedTuple):
     Attributes:
         clock: STEP, EPISODE_START, DONE and UNDER_WAY [4].
         keys: the keys of the draws [role, k].
-        factor: how much the rewards of this step count in a return: in learning always 1, in
-            trials gamma^n after n steps [0].
         exploring: probability of an exploring start [time step].
         max_steps: steps after which an episode ends.
         before: X_k(t) at the last step [k].
@@ -63,7 +58,6 @@ class Run(NamedTuple):
 
     clock: Any
     keys: Any
-    factor: Any
     exploring: Any
     max_steps: int
     before: Any
@@ -82,14 +76,14 @@ class Record(NamedTuple):
         used: rows in use [0]; the last one is of the episode under way, or of the last one.
         first_step: its first time step [row].
         length: its transitions [row].
-        steps: those that robot k made until it arrived [row, k].
+        steps: transitions until robot k arrived; 0: it did not arrive [row, k].
         returns: in learning the sum of R_k(t) until it arrived; in trials its return from the
             first state [row, k].
         asks: how often it chose COORDINATE [row, k].
         arrived: whether it reached its goal [row, k].
         miscoordinations: transitions that ended in a miscoordination [row].
-        asked: in all episodes, how often robot k chose COORDINATE in a cell [k, x].
-        stays: in all episodes, how often it acted there [k, x].
+        asked: in all trials, how often robot k chose COORDINATE in a cell [k, x].
+        stays: in all trials, how often it acted there [k, x].
     """
 
     used: Any
@@ -105,30 +99,15 @@ class Record(NamedTuple):
 
 
 @jitable
-def begin(problem: Problem, run: Run, record: Record) -> None:
+def begin(problem: Problem, run: Run) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
-    step = int(run.clock[STEP])
+    step = run.clock[STEP]
     exploring = scheduled(run.exploring, step)
     for k in range(len(run.cells)):
         run.cells[k] = start_of(problem, run.keys, k, step, exploring)
         run.arrived[k] = False
     run.clock[EPISODE_START] = step
     run.clock[UNDER_WAY] = True
-    run.factor[0] = 1.0
-    record.first_step[record.used[0]] = step
-    record.used[0] += 1
-
-
-@jitable
-def move_all(problem: Problem, run: Run) -> bool:
-    """Move every robot; return whether the step is a miscoordination."""
-    step = int(run.clock[STEP])
-    for k in range(len(run.cells)):
-        if not run.arrived[k]:
-            run.cells[k] = led(problem, run.keys, k, step, run.before[k], run.moves[k])
-        run.wanted[k] = run.cells[k]
-    settle(problem.interactions, run.before, run.cells)
-    return miscoordinates(problem.interactions, run.before, run.cells)
 
 
 @functools.cache
@@ -169,63 +148,74 @@ def loop_of(learner: Any) -> Callable[..., None]:
         cells = run.cells
         before = run.before
         team = len(cells)
+        factor = 1.0  # gamma^n after n steps of a trial
         while clock[DONE] < budget and not task.full[0] and not stop[0]:
             if not clock[UNDER_WAY]:
                 if record.used[0] == len(record.length):
                     return
-                begin(problem, run, record)
+                begin(problem, run)
+                record.first_step[record.used[0]] = clock[STEP]
+                record.used[0] += 1
+                factor = 1.0
                 for k in range(team):
                     begin_episode(mind, task, k)
-            step = int(clock[STEP])
-            row = int(record.used[0]) - 1
-            elapsed = step + 1 - int(clock[EPISODE_START])
+            step = clock[STEP]
+            row = record.used[0] - 1
+            elapsed = step + 1 - clock[EPISODE_START]
 
-            # Each robot chooses (lines 4 to 10).
+            # Each robot chooses a move, and makes it (lines 4 to 10).
             for k in range(team):
-                cell = int(cells[k])
-                before[k] = cell
+                before[k] = cells[k]
+            for k in range(team):
                 if run.arrived[k]:
                     continue
+                cell = before[k]
                 if task.learning:
                     action = decide(mind, task, k, step, cell)
                     check_action(action, task.actions)
                 else:
-                    values = mind.q_star[k, cell]
-                    action = greedy(values, len(ACTIONS), task.keys[k], step, TIE)
+                    action = greedy_action(mind, task, k, step, cell)
+                    record.stays[k, cell] += 1
                 move = action
                 seen = 0
                 if action == COORDINATE:
-                    seen = perceive(problem, run.keys, k, step, cells)
-                    asking_values(mind, task, k, cell, seen, cells, task.row)
+                    seen = perceive(problem, run.keys, k, step, before)
+                    asking_values(mind, task, k, cell, seen, before, task.row)
                     move = move_after_asking(
-                        mind, task, k, step, cell, seen, cells, task.row
+                        mind, task, k, step, cell, seen, before, task.row
                     )
                     check_action(move, PRIMITIVES)
                     record.asks[row, k] += 1
-                    record.asked[k, cell] += 1
-                record.stays[k, cell] += 1
-                record.steps[row, k] += 1
+                    if not task.learning:
+                        record.asked[k, cell] += 1
                 run.actions[k] = action
                 run.moves[k] = move
                 run.seen[k] = seen
+                cells[k] = led(problem, run.keys, k, step, cell, move)
 
-            # The team moves; each robot has its reward, and learns (lines 11 to 18).
-            conflict = move_all(problem, run)
+            # Robots stop each other; each one has its reward, and learns (lines 11 to 18).
+            for k in range(team):
+                run.wanted[k] = cells[k]
+            settle(problem.interactions, before, cells)
+            conflict = miscoordinates(problem.interactions, before, cells)
             record.length[row] += 1
             record.miscoordinations[row] += conflict
             over = True
             for k in range(team):
-                common = common_reward(problem, k, conflict)
-                if run.arrived[k]:
-                    if not task.learning:
-                        record.returns[row, k] += run.factor[0] * common
-                    continue
-                next_cell = int(cells[k])
-                home = next_cell == problem.goals[k]
-                individual = individual_reward(problem, home)
-                asking = asking_reward(problem, run.actions[k] == COORDINATE)
-                if task.learning:
-                    seen = int(run.seen[k])
+                acts = not run.arrived[k]
+                next_cell = cells[k]
+                home = acts and next_cell == problem.goals[k]
+                asked = acts and run.actions[k] == COORDINATE
+                rewards = rewards_of(problem, k, conflict, home, asked)
+                individual, common, asking = rewards
+                if not task.learning:
+                    if home:
+                        individual = problem.goal_total
+                    reward = individual + common + asking
+                    record.returns[row, k] += factor * reward
+                elif acts:
+                    record.returns[row, k] += individual + common + asking
+                    seen = run.seen[k]
                     if task.sees_all:
                         seen = everybody_but(k, team)
                     met = UNKNOWN_PARTNERS
@@ -235,9 +225,9 @@ def loop_of(learner: Any) -> Callable[..., None]:
                         )
                     now = Transition(
                         step=step,
-                        cell=int(before[k]),
-                        action=int(run.actions[k]),
-                        move=int(run.moves[k]),
+                        cell=before[k],
+                        action=run.actions[k],
+                        move=run.moves[k],
                         seen=seen,
                         cells=before,
                         next_cell=next_cell,
@@ -251,16 +241,12 @@ def loop_of(learner: Any) -> Callable[..., None]:
                     if not home:
                         after = bootstrap(mind, task, k, next_cell, now)
                     learn(mind, task, k, now, after)
-                elif home:
-                    individual = goal_paid(problem, 1.0)
-                record.returns[row, k] += run.factor[0] * (individual + common + asking)
                 if home:
                     run.arrived[k] = True
                     record.arrived[row, k] = True
-                else:
-                    over = False
-            if not task.learning:
-                run.factor[0] *= problem.discount
+                    record.steps[row, k] = elapsed
+                over = over and run.arrived[k]
+            factor *= problem.discount
 
             # The next time step, or the next episode (lines 19 and 20).
             clock[STEP] = step + 1
@@ -270,6 +256,33 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 clock[UNDER_WAY] = False
 
     return loop
+
+
+@functools.cache
+def plain(learner: Any) -> Callable[..., None]:
+    """Return the loop of a learner in plain Python, on views of the arrays."""
+    loop = loop_of(learner)
+
+    def on_views(
+        problem: Problem,
+        task: Task,
+        run: Run,
+        mind: Any,
+        record: Record,
+        budget: int,
+        stop: Any,
+    ) -> None:
+        loop(
+            viewed(problem),
+            viewed(task),
+            viewed(run),
+            with_views(mind),
+            viewed(record),
+            budget,
+            viewed(stop),
+        )
+
+    return on_views
 
 
 @functools.cache

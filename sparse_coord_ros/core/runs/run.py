@@ -173,7 +173,7 @@ class LearningRun:
         """Return the action of robot k at the last completed time step."""
         decision = Decision(int(run.actions[place]))
         if decision.action == COORDINATE:
-            chance = draw(run.keys[ROBOT, place], step, PEER)
+            chance = draw(int(run.keys[ROBOT, place]), step, PEER)
             peers = asked_peers(
                 self.scenario.peers, k, len(self.scenario.robots), chance
             )

@@ -94,7 +94,7 @@ class Team:
         self.learner = learner
         self.compiled = compiled
         self.loop = (
-            loop.compiled(learner.rule) if compiled else loop.loop_of(learner.rule)
+            loop.compiled(learner.rule) if compiled else loop.plain(learner.rule)
         )
         self.stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         self.exploring = probabilities(scenario.starts, scenario.steps)
@@ -212,7 +212,6 @@ def run_at(
     return loop.Run(
         clock=np.array(clock),
         keys=keys,
-        factor=np.ones(1),
         exploring=exploring,
         max_steps=max_steps,
         before=np.zeros(team, dtype=np.int64),
