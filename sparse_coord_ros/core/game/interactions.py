@@ -197,14 +197,14 @@ def miscoordinates(inter: Interactions, before: Any, after: Any) -> bool:
     for k in range(len(after)):
         y = after[k]
         place = inter.places[y]
-        if place != NOWHERE:
-            for j in range(k):
-                if together(place, inter.places[after[j]]):
-                    return True
-        if inter.swaps:
-            for j in range(k):
-                if exchanged(inter.passages, before[k], y, before[j], after[j]):
-                    return True
+        if place == NOWHERE and not inter.swaps:
+            continue
+        for j in range(k):
+            w = after[j]
+            if together(place, inter.places[w]):
+                return True
+            if inter.swaps and exchanged(inter.passages, before[k], y, before[j], w):
+                return True
     return False
 
 

@@ -45,7 +45,8 @@ class Problem(NamedTuple):
         next_cell: where a move leads [x, move].
         interactions: how robots affect each other.
         sight: probabilities that percepts succeed.
-        all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
+        all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random; of
+            two robots it perceives every peer.
         penalties: r^C of a miscoordination [k].
         start_cells: cells where an exploring start can be [k, number].
         start_counts: their number [k].
@@ -91,7 +92,7 @@ def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         interactions=interactions_of(scenario),
         sight=sight_of(scenario.perception, scenario.map) if percepts else BLIND,
-        all_peers=scenario.peers == "all",
+        all_peers=scenario.peers == "all" or len(robots) <= 2,
         penalties=np.array(scenario.penalties),
         start_cells=start_cells,
         start_counts=np.array([len(choices) for choices in free]),
@@ -138,7 +139,7 @@ def perceive(problem: Problem, keys: Any, k: int, step: int, cells: Any) -> int:
     chance = draw(keys[ENVIRONMENT, k], step, PERCEPT)
     first = 0
     end = team
-    if team > 2 and not problem.all_peers:
+    if not problem.all_peers:
         first = drawn_peer(k, team, draw(keys[ROBOT, k], step, PEER))
         end = first + 1
     seen = 0

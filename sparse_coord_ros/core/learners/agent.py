@@ -173,7 +173,7 @@ class Agent:
             return Action(decision.action, False, NOBODY, False)
         seen, cells = self._percept(cell, decision.peers, perceived)
         k = self.number
-        values = self.task.row
+        values = [0.0] * PRIMITIVES
         self.learner.asking_values(self.mind, self.task, k, cell, seen, cells, values)
         move = self.learner.move_after_asking(
             self.mind, self.task, k, step, cell, seen, cells, values

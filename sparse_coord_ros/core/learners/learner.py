@@ -477,7 +477,6 @@ class Learner:
             learning=learning,
             sees_all=scenario.peers_seen == WHILE_LEARNING,
             keys=keys_of(seed, phase, len(scenario.robots))[ROBOT],
-            row=np.zeros(PRIMITIVES),
             full=np.zeros(1, dtype=np.bool_),
             sight=sight,
             swaps=inter.swaps,

@@ -64,7 +64,6 @@ class Task(NamedTuple):
         sees_all: whether a robot learns from the cells of all peers in every step, asked or not:
             the setting `peers_seen`.
         keys: robot k's key for `draw` [k].
-        row: space for a row [move].
         full: set where a table needs room [0].
         sight: probabilities that percepts succeed; `BLIND` for learners that do not use them.
         swaps: whether robots that exchange cells interact.
@@ -88,7 +87,6 @@ class Task(NamedTuple):
     learning: bool
     sees_all: bool
     keys: Any
-    row: Any
     full: Any
     sight: Sight
     swaps: bool
@@ -104,9 +102,7 @@ def of_run(task: Task, keys: np.ndarray) -> Task:
         task: the task of a team, which several threads may share.
         keys: robot k's key for `draw` [k].
     """
-    return task._replace(
-        keys=keys, row=np.zeros(PRIMITIVES), full=np.zeros(1, dtype=np.bool_)
-    )
+    return task._replace(keys=keys, full=np.zeros(1, dtype=np.bool_))
 
 
 class Transition(NamedTuple):
@@ -172,22 +168,26 @@ def greedy(values: Values, count: int, key: int, step: int, column: int) -> int:
         step: the time step.
         column: the draw that decides between equal values.
     """
-    best = greatest(values, count)
-    ties = 0
-    last = 0
-    for action in range(count):
-        if values[action] == best:
+    best = float(values[0])
+    first = 0
+    ties = 1
+    for action in range(1, count):
+        value = float(values[action])
+        if value > best:
+            best = value
+            first = action
+            ties = 1
+        elif value == best:
             ties += 1
-            last = action
     if ties == 1:
-        return last
+        return first
     number = int(draw(key, step, column) * ties)
-    for action in range(count):
+    for action in range(first, count):
         if values[action] == best:
             if number == 0:
                 return action
             number -= 1
-    return 0
+    return first
 
 
 @jitable

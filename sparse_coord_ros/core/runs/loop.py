@@ -33,16 +33,16 @@ from sparse_coord_ros.core.learners.rules import (
     scheduled,
 )
 
-STEP, EPISODE_START, DONE, UNDER_WAY = range(4)
-"""Entries of `Run.clock`: the time step, the first step of the episode, the transitions made, and
-whether the episode has begun."""
+STEP, EPISODE_START, DONE, UNDER_WAY, EPISODES = range(5)
+"""Entries of `Run.clock`: the time step, the first step of the episode, the transitions made,
+whether the episode has begun, and the number of episodes."""
 
 
 class Run(NamedTuple):
     """A run in progress; k is a robot.
 
     Attributes:
-        clock: STEP, EPISODE_START, DONE and UNDER_WAY [4].
+        clock: STEP, EPISODE_START, DONE, UNDER_WAY and EPISODES [5].
         keys: the keys of the draws [role, k].
         exploring: probability of an exploring start [time step].
         max_steps: steps after which an episode ends.
@@ -54,6 +54,7 @@ class Run(NamedTuple):
         moves: the primitive action that it became [k].
         seen: the peers that it perceived by COORDINATE, the sum of 2^j; 0: it did not ask, or
             the percept failed [k].
+        values: space for the values of the moves after COORDINATE [move].
     """
 
     clock: Any
@@ -67,13 +68,13 @@ class Run(NamedTuple):
     actions: Any
     moves: Any
     seen: Any
+    values: Any
 
 
 class Record(NamedTuple):
     """The episodes of a run: a row for each.
 
     Attributes:
-        used: rows in use [0]; the last one is of the episode under way, or of the last one.
         first_step: its first time step [row].
         length: its transitions [row].
         steps: transitions until robot k arrived; 0: it did not arrive [row, k].
@@ -82,11 +83,9 @@ class Record(NamedTuple):
         asks: how often it chose COORDINATE [row, k].
         arrived: whether it reached its goal [row, k].
         miscoordinations: transitions that ended in a miscoordination [row].
-        asked: in all trials, how often robot k chose COORDINATE in a cell [k, x].
-        stays: in all trials, how often it acted there [k, x].
+        chosen: in all trials, how often robot k chose an action in a cell [k, x, action].
     """
 
-    used: Any
     first_step: Any
     length: Any
     steps: Any
@@ -94,8 +93,7 @@ class Record(NamedTuple):
     asks: Any
     arrived: Any
     miscoordinations: Any
-    asked: Any
-    stays: Any
+    chosen: Any
 
 
 @jitable
@@ -151,16 +149,16 @@ def loop_of(learner: Any) -> Callable[..., None]:
         factor = 1.0  # gamma^n after n steps of a trial
         while clock[DONE] < budget and not task.full[0] and not stop[0]:
             if not clock[UNDER_WAY]:
-                if record.used[0] == len(record.length):
+                if clock[EPISODES] == len(record.length):
                     return
                 begin(problem, run)
-                record.first_step[record.used[0]] = clock[STEP]
-                record.used[0] += 1
+                record.first_step[clock[EPISODES]] = clock[STEP]
+                clock[EPISODES] += 1
                 factor = 1.0
                 for k in range(team):
                     begin_episode(mind, task, k)
             step = clock[STEP]
-            row = record.used[0] - 1
+            row = clock[EPISODES] - 1
             elapsed = step + 1 - clock[EPISODE_START]
 
             # Each robot chooses a move, and makes it (lines 4 to 10).
@@ -175,19 +173,17 @@ def loop_of(learner: Any) -> Callable[..., None]:
                     check_action(action, task.actions)
                 else:
                     action = greedy_action(mind, task, k, step, cell)
-                    record.stays[k, cell] += 1
+                    record.chosen[k, cell, action] += 1
                 move = action
                 seen = 0
                 if action == COORDINATE:
                     seen = perceive(problem, run.keys, k, step, before)
-                    asking_values(mind, task, k, cell, seen, before, task.row)
+                    asking_values(mind, task, k, cell, seen, before, run.values)
                     move = move_after_asking(
-                        mind, task, k, step, cell, seen, before, task.row
+                        mind, task, k, step, cell, seen, before, run.values
                     )
                     check_action(move, PRIMITIVES)
                     record.asks[row, k] += 1
-                    if not task.learning:
-                        record.asked[k, cell] += 1
                 run.actions[k] = action
                 run.moves[k] = move
                 run.seen[k] = seen

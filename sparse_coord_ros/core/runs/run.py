@@ -31,7 +31,7 @@ from sparse_coord_ros.core.runs.history import (
     blank_history,
     concatenated,
 )
-from sparse_coord_ros.core.runs.loop import DONE, STEP, UNDER_WAY
+from sparse_coord_ros.core.runs.loop import DONE, EPISODES, STEP, UNDER_WAY
 from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.team import Team, blank_record, run_at
 
@@ -111,7 +111,8 @@ class LearningRun:
                 arrived=tuple(position.arrived[k] for k in group.robots),
             )
             self._tasks.append(of_run(group.task, keys[ROBOT]))
-            self._runs.append(run_at(here, keys, team.exploring, max_steps))
+            episodes = history.episodes
+            self._runs.append(run_at(here, episodes, keys, team.exploring, max_steps))
             cells = len(self.scenario.map.cells)
             self._records.append(record_of(history, group.robots, cells))
 
@@ -144,7 +145,7 @@ class LearningRun:
             self.minds[number] = with_room(self.minds[number])
             full[0] = False
         record = self._records[number]
-        if record.used[0] == len(record.length):
+        if self._runs[number].clock[EPISODES] == len(record.length):
             self._records[number] = longer(record, 2 * len(record.length))
 
     def make_transition(self) -> TeamTransition:
@@ -217,8 +218,10 @@ class LearningRun:
     def _histories(self) -> list[History]:
         robots = len(self.scenario.robots)
         return [
-            history_of(record, robots, group.robots)
-            for group, record in zip(self.team.groups, self._records, strict=True)
+            history_of(record, int(run.clock[EPISODES]), robots, group.robots)
+            for group, run, record in zip(
+                self.team.groups, self._runs, self._records, strict=True
+            )
         ]
 
     def state(self) -> LearningState:
@@ -261,31 +264,23 @@ def record_of(history: History, robots: Sequence[int], cells: int) -> loop.Recor
         getattr(record, name)[:episodes] = getattr(history, name)
     for name in OF_ROBOTS:
         getattr(record, name)[:episodes] = getattr(history, name)[:, robots]
-    record.used[0] = episodes
     return record
 
 
 def longer(record: loop.Record, rows: int) -> loop.Record:
     """Return a record with room for so many episodes; a copy."""
-    robots, cells = record.asked.shape
+    robots, cells, _ = record.chosen.shape
     larger = blank_record(rows, robots, cells)
     used = len(record.length)
-    for name in (
-        "first_step",
-        "length",
-        "steps",
-        "returns",
-        "asks",
-        "arrived",
-        "miscoordinations",
-    ):
+    for name in (*OF_EPISODES, *OF_ROBOTS, "steps"):
         getattr(larger, name)[:used] = getattr(record, name)
-    return larger._replace(used=record.used, asked=record.asked, stays=record.stays)
+    return larger._replace(chosen=record.chosen)
 
 
-def history_of(record: loop.Record, robots: int, members: Sequence[int]) -> History:
-    """Return the history in a record of some of the robots; a copy."""
-    episodes = int(record.used[0])
+def history_of(
+    record: loop.Record, episodes: int, robots: int, members: Sequence[int]
+) -> History:
+    """Return the history of so many episodes in a record of some of the robots; a copy."""
     history = blank_history(episodes, robots)
     for name in OF_EPISODES:
         getattr(history, name)[:] = getattr(record, name)[:episodes]
@@ -296,7 +291,7 @@ def history_of(record: loop.Record, robots: int, members: Sequence[int]) -> Hist
 
 
 def _position(run: loop.Run, team: int, robots: Sequence[int]) -> Position:
-    step, episode_start, transitions, under_way = run.clock.tolist()
+    step, episode_start, transitions, under_way, _ = run.clock.tolist()
     if not under_way:
         return before_episode(transitions, step, team)
     cells = np.zeros(team, dtype=np.int64)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import EVALUATION, ROBOT, keys_of
 from sparse_coord_ros.core.game.rules import EPISODE_GAP, Problem, problem_of
 from sparse_coord_ros.core.game.scenario import Scenario
@@ -142,7 +143,7 @@ class Team:
         keys = keys_of(seed, EVALUATION, len(robots))
         task = of_run(self._task, keys[ROBOT])
         position = before_episode(0, FIRST_STEP + EPISODE_GAP, len(robots))
-        run = run_at(position, keys, np.zeros(1), scenario.horizon)
+        run = run_at(position, 0, keys, np.zeros(1), scenario.horizon)
         record = blank_record(trials, len(robots), len(scenario.map.cells))
         mind = copied(mind)
         parts = [trials]
@@ -173,8 +174,8 @@ class Team:
             miscoordinations=record.miscoordinations.astype(np.float64),
             asks=record.asks.astype(np.float64),
             arrived=record.arrived.all(axis=1),
-            asked=record.asked / trials,
-            stays=record.stays / trials,
+            asked=record.chosen[..., COORDINATE] / trials,
+            stays=record.chosen.sum(axis=-1) / trials,
         )
 
     def tables(self, memories: Sequence[Memory]) -> list[Tables]:
@@ -199,15 +200,20 @@ class Team:
 
 
 def run_at(
-    position: Position, keys: np.ndarray, exploring: np.ndarray, max_steps: int
+    position: Position,
+    episodes: int,
+    keys: np.ndarray,
+    exploring: np.ndarray,
+    max_steps: int,
 ) -> loop.Run:
-    """Return a run at a position; other arguments as of `loop.Run`."""
+    """Return a run at a position, after some episodes; other arguments as of `loop.Run`."""
     team = len(position.cells)
     clock = [
         position.step,
         position.episode_start,
         position.transitions,
         int(position.under_way),
+        episodes,
     ]
     return loop.Run(
         clock=np.array(clock),
@@ -221,6 +227,7 @@ def run_at(
         actions=np.zeros(team, dtype=np.int64),
         moves=np.zeros(team, dtype=np.int64),
         seen=np.zeros(team, dtype=np.int64),
+        values=np.zeros(PRIMITIVES),
     )
 
 
@@ -231,7 +238,6 @@ def blank_record(rows: int, robots: int, cells: int) -> loop.Record:
         return np.zeros(shape, dtype=np.int64)
 
     return loop.Record(
-        used=counts(1),
         first_step=counts(rows),
         length=counts(rows),
         steps=counts(rows, robots),
@@ -239,6 +245,5 @@ def blank_record(rows: int, robots: int, cells: int) -> loop.Record:
         asks=counts(rows, robots),
         arrived=np.zeros((rows, robots), dtype=np.bool_),
         miscoordinations=counts(rows),
-        asked=counts(robots, cells),
-        stays=counts(robots, cells),
+        chosen=counts(robots, cells, len(ACTIONS)),
     )
