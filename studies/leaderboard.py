@@ -3,7 +3,7 @@
 """The leaderboard: learners, each with its tuned protocol, in all lists. docs/leaderboard.md.
 
 python studies/leaderboard.py [--lists LIST...] [--entries ENTRY...] [--runs N] [--seed N]
-python studies/leaderboard.py --tune --runs 6 --seed 3100000
+python studies/leaderboard.py --tune --runs 2 --seed 3100000
 
 It prints a table of each list in Markdown: the share of the gap of each entry, failed teams and
 the least arrival of a team, the least number of steps that closes 90 % of the gap, and processor
@@ -84,7 +84,7 @@ NAMES = ("prior", "credit", "epsilon", "step_size", "starts")
 
 TUNED = Path(__file__).with_name("tuned.yaml")
 HEAD = """\
-# The best of twenty protocols, by list and entry; written by
+# The best of twenty protocols, by list and entry ({{}}: it cannot learn these games); written by
 # python studies/leaderboard.py --tune --runs {runs} --seed {seed}
 """
 
@@ -114,17 +114,17 @@ def judge(options) -> None:
     """Print how each entry stands in each list."""
     tuned = tuned_before()
     for name in options.lists:
-        if name not in tuned:
-            raise SettingError(
-                f"{TUNED.name} has no protocols for {name}; python studies/leaderboard.py "
-                f"--tune --lists {name} finds them"
-            )
         rows = []
         for title, (learner, own) in (ENTRIES | UNTUNED).items():
             if title not in options.entries:
                 continue
             print(f"{name}: {title}", file=sys.stderr, flush=True)
-            chosen = tuned[name].get(title, {})
+            chosen = {} if title in UNTUNED else tuned.get(name, {}).get(title)
+            if chosen is None:
+                raise SettingError(
+                    f"{TUNED.name} has no protocol of {title} for {name}; python "
+                    f"studies/leaderboard.py --tune --lists {name} --entries '{title}' finds it"
+                )
             rows.append((title, *row_of(name, learner, own | chosen, options)))
         rows.sort(key=lambda row: -row[1])
         print(f"\n**{name}**\n")
@@ -202,9 +202,8 @@ def tune(options) -> None:
                     rows.append({"list": name, "entry": title} | protocol | earned)
                     print(rows[-1], file=sys.stderr, flush=True)
             tried += rows
-            if rows:
-                best = max(rows, key=lambda row: row["returns"])
-                computed[name][title] = {k: best[k] for k in NAMES if k in best}
+            best = max(rows, key=lambda row: row["returns"], default={})
+            computed[name][title] = {k: best[k] for k in NAMES if k in best}
         write(computed, options)
     print(pd.DataFrame(tried).round(3).to_string(index=False))
 
@@ -263,13 +262,16 @@ def write(computed: dict[str, dict[str, dict[str, object]]], options) -> None:
     kept = tuned_before()
     for name, entries in computed.items():
         kept[name] = kept.get(name, {}) | entries
-    ordered = {
-        name: {title: kept[name][title] for title in ENTRIES if title in kept[name]}
-        for name in TUNED_ON
-        if name in kept
-    }
-    head = HEAD.format(runs=options.runs, seed=options.seed)
-    TUNED.write_text(head + yaml.safe_dump(ordered, sort_keys=False), "utf-8")
+    text = HEAD.format(runs=options.runs, seed=options.seed)
+    for name in TUNED_ON:
+        if name in kept:
+            titles = [title for title in ENTRIES if title in kept[name]]
+            own = {title: dict(kept[name][title]) for title in titles}
+            # an entry on a line
+            text += yaml.safe_dump(
+                {name: own}, sort_keys=False, width=200, default_flow_style=None
+            )
+    TUNED.write_text(text, "utf-8")
 
 
 def main() -> None:

@@ -31,6 +31,10 @@ from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import fails
 from sparse_coord_ros.core.solve.advice import (
+    AVOIDABLE,
+    MAY_PAY,
+    WILL_NOT_PAY,
+    WILL_PAY,
     advice,
     in_questions,
     loss_of_ignoring,
@@ -144,6 +148,9 @@ RESAMPLES = 1000
 LOUD = 30
 """A share of the gap with a larger error says nothing, and is left out."""
 
+FEW = 0.2
+"""Robots that ask less often in an episode hardly ask."""
+
 BEST = "best asking team found"
 ALWAYS = "always asks, and pays"
 
@@ -162,7 +169,15 @@ def condition(part: str, result) -> dict[str, object]:
     returns = measures.each("returns")
     failed = np.array([fails(share) for share in measures.arrived])
     gap = max(result.optimum - paths, 0.0)
-    share = (returns - paths) / max(gap, TINY)
+    close_half = (returns - paths) / max(gap, TINY) >= 0.5
+    hardly_ask = measures.each("asks") < FEW
+    said = advice(scenario).kind
+    right = {
+        WILL_PAY: close_half,
+        WILL_NOT_PAY: hardly_ask,
+        AVOIDABLE: close_half & hardly_ask,
+        MAY_PAY: np.nan,
+    }
     return {
         "part": part,
         "line": line_of(part, result),
@@ -173,13 +188,14 @@ def condition(part: str, result) -> dict[str, object]:
         "chance": chance_of_answer(scenario),
         "ratio": in_questions(loss_of_ignoring(scenario), scenario),
         "possible_gain": relative_gain(gap, scenario),
-        "advice": advice(scenario).kind,
+        "advice": said,
         "questions": np.mean(measures.each("asks")[~failed])
         if not failed.all()
         else np.nan,
         "gained": in_questions(returns.mean() - paths, scenario),
         "gap": in_questions(gap, scenario),
-        "close_half": np.mean(share >= 0.5),
+        "close_half": close_half.mean(),
+        "right": np.mean(right[said]),
         "failed": failed.sum(),
         "teams": len(failed),
     }
@@ -239,7 +255,7 @@ def yardsticks(row: dict[str, object], scenario, paths: float):
     for line, value in values.items():
         if value is not None:
             gained = in_questions(value - paths, scenario)
-            unknown = dict.fromkeys(("questions", "close_half"), np.nan)
+            unknown = dict.fromkeys(("questions", "close_half", "right"), np.nan)
             none = dict.fromkeys(("failed", "teams"), 0)
             yield row | unknown | none | {"line": line, "gained": gained}
 
@@ -270,37 +286,35 @@ def measure(study, options) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+MEANS = ("questions", "close_half", "right")
+"""Measures of conditions that are averaged; shares of the gap are pooled."""
+
+
 def pooled(own: pd.DataFrame) -> pd.Series:
-    """Return the means of some conditions, and the share of their pooled gap."""
-    return pd.Series(
-        {
-            "maps": own["scenario"].nunique(),
-            "conditions": len(own),
-            "gain": own["possible_gain"].median(),
-            "questions": own["questions"].mean(),
-            "share": own["gained"].sum() / own["gap"].sum(),
-            "close half": own["close_half"].mean(),
-            "failed": own["failed"].sum(),
-            "teams": own["teams"].sum(),
-        }
-    )
+    """Return the means of some conditions, and the share of their pooled gap.
 
-
-def with_errors(own: pd.DataFrame) -> pd.Series:
-    """Return the same with standard errors: a bootstrap over maps; NaN of one map."""
+    Their standard errors are a bootstrap over maps; NaN of one map.
+    """
+    found = own[[*MEANS]].mean()
+    found["share"] = own["gained"].sum() / own["gap"].sum()
     by_map = own.groupby("scenario")
-    sums = by_map[["gained", "gap", "questions"]].sum().to_numpy()
-    count = by_map["questions"].count().to_numpy()
-    maps = len(sums)
+    maps = len(by_map)
     drawn = np.random.default_rng(0).integers(maps, size=(RESAMPLES, maps))
-    gained, gap, questions = sums[drawn].sum(axis=1).T
-    found = pooled(own)
-    found["share_error"] = found["questions_error"] = np.nan
-    if maps > 1:
-        found["share_error"] = (gained / gap).std(ddof=1)
-        asked = questions / np.maximum(count[drawn].sum(axis=1), 1)
-        found["questions_error"] = asked.std(ddof=1)
-    return found
+    errors = {}
+    for over, under in [*((name, None) for name in MEANS), ("gained", "gap")]:
+        sums = by_map[over].sum().to_numpy()[drawn].sum(axis=1)
+        counts = by_map[over].count() if under is None else by_map[under].sum()
+        divided = sums / np.maximum(counts.to_numpy()[drawn].sum(axis=1), TINY)
+        name = over if under is None else "share"
+        errors[f"{name}_error"] = divided.std(ddof=1) if maps > 1 else np.nan
+    others = {
+        "maps": maps,
+        "conditions": len(own),
+        "gain": own["possible_gain"].median(),
+        "failed": own["failed"].sum(),
+        "teams": own["teams"].sum(),
+    }
+    return pd.Series({**found, **errors, **others})
 
 
 def averages(found: pd.DataFrame, by: str) -> pd.DataFrame:
@@ -309,7 +323,7 @@ def averages(found: pd.DataFrame, by: str) -> pd.DataFrame:
         interval=pd.cut(found["possible_gain"], EDGES, labels=HEADS, right=False)
     )
     groups = found.groupby([by, "interval"], sort=False, observed=True)
-    rows = [with_errors(own) for _, own in groups]
+    rows = [pooled(own) for _, own in groups]
     return pd.DataFrame(rows, index=groups.groups.keys())
 
 
@@ -335,23 +349,23 @@ def print_table(found: pd.DataFrame, by: str, measures: tuple[str, ...]) -> None
         teams = own["teams"].sum()
         failed = f"{own['failed'].sum():.0f} of {teams:.0f}" if teams else "-"
         for measure in measures:
-            cells = [in_words(own, head, measure) for head in HEADS]
+            cells = [
+                in_words(own.loc[head], measure) if head in own.index else "-"
+                for head in HEADS
+            ]
             if any(cell != "-" for cell in cells):
                 said = "share of the gap" if measure == "share" else measure
                 print("| " + " | ".join([name, said, *cells, failed]) + " |")
 
 
-def in_words(own: pd.DataFrame, head: str, measure: str) -> str:
+def in_words(own: pd.Series, measure: str) -> str:
     """Return a cell of a table: a mean with its error, or a dash."""
-    if head not in own.index or np.isnan(own.loc[head, measure]):
+    value, error = own[[measure, f"{measure}_error"]]
+    if np.isnan(value) or error > LOUD:
         return "-"
-    value, error = own.loc[head, [measure, f"{measure}_error"]]
+    words = f"{100 * value:.0f} %", f"{100 * error:.0f}"
     if measure == "questions":
         words = f"{value:.2f}", f"{error:.2f}"
-    elif error > LOUD:
-        return "-"
-    else:
-        words = f"{100 * value:.0f} %", f"{100 * error:.0f}"
     return f"{words[0]} ({'-' if np.isnan(error) else words[1]})"
 
 
@@ -396,9 +410,17 @@ def draw(found: pd.DataFrame, file: str) -> None:
 
 def print_advice(found: pd.DataFrame) -> None:
     """Print how teams stand by what the advice said beforehand."""
+    heads = ("condition", "advice", "buildings", "conditions", "close half of the gap")
+    heads += ("questions", "advice right", "failed teams")
+    print("\n| " + " | ".join(heads) + " |")
+    print("| :-- |" + " --: |" * (len(heads) - 1))
     groups = found[found["gap"] > TINY].groupby(["line", "advice"], sort=False)
-    table = pd.DataFrame([pooled(own) for _, own in groups], index=groups.groups.keys())
-    print(table.sort_index().round(2).to_string())
+    for (line, said), conditions in groups:
+        own = pooled(conditions)
+        cells = [line, said, f"{own['maps']:.0f}", f"{own['conditions']:.0f}"]
+        cells += [in_words(own, name) for name in ("close_half", "questions", "right")]
+        cells.append(f"{own['failed']:.0f} of {own['teams']:.0f}")
+        print("| " + " | ".join(cells) + " |")
 
 
 def main() -> None:

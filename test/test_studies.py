@@ -90,18 +90,30 @@ def test_the_leaderboard_tunes_and_judges(study, tmp_path):
     study(script, f"--tune --buildings 1 {lists}")
     tuned = yaml.safe_load((tmp_path / "tuned.yaml").read_text("utf-8"))
     assert list(tuned) == ["crowds"]
-    assert list(tuned["crowds"]) == ["coop"]  # GPCQ is for two robots
+    assert tuned["crowds"]["GPCQ"] == {}  # it is for two robots
     settings = ["prior", "credit", "epsilon", "step_size", "starts"]
     assert list(tuned["crowds"]["coop"]) == settings
     tables = study(script, lists).stdout
     assert "\n| coop | " in tables and "\n| GPCQ | - | - | - | - | - | - |\n" in tables
 
 
+def test_the_tuned_protocols_are_some_of_the_twenty():
+    tuned = yaml.safe_load((STUDIES / "tuned.yaml").read_text("utf-8"))
+    source = (STUDIES / "leaderboard.py").read_text("utf-8")
+    lines = {" ".join(line.split()) for line in source.splitlines()}
+    assert len(tuned) == 8
+    for entries in tuned.values():
+        for protocol in filter(None, entries.values()):
+            values = " ".join(protocol.values())
+            assert any(line.endswith(values) for line in lines)
+
+
 def test_a_list_without_tuned_protocols(study, tmp_path):
     for name in ("leaderboard.py", "entries.py"):
         shutil.copy(STUDIES / name, tmp_path)
-    said = study(tmp_path / "leaderboard.py", "--lists crowds", code=2).stderr
+    words = "--lists crowds --entries coop"
+    said = study(tmp_path / "leaderboard.py", words, code=2).stderr
     assert said == (
-        "error: tuned.yaml has no protocols for crowds; python studies/leaderboard.py --tune "
-        "--lists crowds finds them\n"
+        "crowds: coop\nerror: tuned.yaml has no protocol of coop for crowds; python "
+        "studies/leaderboard.py --tune --lists crowds --entries 'coop' finds it\n"
     )
