@@ -146,7 +146,7 @@ class LearningRun:
             full[0] = False
         record = self._records[number]
         if self._runs[number].clock[EPISODES] == len(record.length):
-            self._records[number] = longer(record, 2 * len(record.length))
+            self._records[number] = longer(record, 4 * len(record.length))
 
     def make_transition(self) -> TeamTransition:
         """Let every group of robots make one transition, and return it."""
