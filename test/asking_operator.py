@@ -73,6 +73,38 @@ def improved(game, table):
     return backup(game, table, chosen(game, table))
 
 
+def held_values(game, pair, decisions):
+    """Return V(x, z) of a robot that comes to x; `pair`: Q_0 and Q_1, stacked."""
+    ask = pair.shape[3]
+    moving = values(game, pair[0], np.where(decisions == ask, 0, decisions))
+    asking = values(game, pair[1], np.full(len(decisions), ask))
+    return np.where((decisions == ask)[:, None], asking, moving)
+
+
+def held_backup(game, pair, decisions):
+    """Return T_d (Q_0, Q_1): decisions hold until the robot leaves the cell."""
+    cells = np.arange(len(game.goals))
+    stays = game.moves[cells, :, cells][:, None, :]
+    leaves = game.moves.copy()
+    leaves[cells, :, cells] = 0.0
+    by_cell = np.matmul(game.peer, held_values(game, pair, decisions).T)
+    after = np.matmul(by_cell, leaves.transpose(0, 2, 1))
+    going_on = np.where(game.goals[:, None, None], 0.0, pair[0])
+    asking_on = values(game, pair[1], np.full(len(cells), pair.shape[3]))[:, :, None]
+    later = [after + stays * np.matmul(game.peer, on) for on in (going_on, asking_on)]
+    return game.reward + game.discount * np.stack(later)
+
+
+def held_means(game, pair):
+    """Return Q* of held decisions, shape (x, moves + 1)."""
+    return np.column_stack([means(game, pair[0])[:, :-1], means(game, pair[1])[:, -1]])
+
+
+def held_improved(game, pair):
+    """Return T (Q_0, Q_1)."""
+    return held_backup(game, pair, held_means(game, pair).argmax(axis=1))
+
+
 def algorithm1(game, table):
     """Return A Q: the backup of Algorithm 1, which does not know the peer's next cell."""
     after = np.where(game.goals, 0.0, means(game, table).max(axis=1))
@@ -162,12 +194,13 @@ def steps_of_peer(scenario, team, k):
     return np.einsum("zxb,zbw->xzw", team[1 - k], motion(scenario, 1 - k))
 
 
-def meetings(scenario, team, epsilon=0.05, exploring=0.5):
-    """Return how often robots meet in an episode of learning, shape (cell of 1, cell of 2).
+def meetings(scenario, team, held, epsilon=0.05, exploring=0.5):
+    """Return how often each robot is in x beside a peer in z, in an episode of learning.
 
     Args:
         scenario: the problem.
         team: the probability of each move of each robot, shape (x, z, b).
+        held: whether only steps count in which the robot comes to x.
         epsilon: the probability of a random move.
         exploring: the part of the episodes that begins anywhere.
     """
@@ -179,26 +212,32 @@ def meetings(scenario, team, epsilon=0.05, exploring=0.5):
         anywhere[robot.start] += 1.0 - exploring
         begin.append(anywhere)
     explores = [(1.0 - epsilon) * likely + epsilon / PRIMITIVES for likely in team]
-    first, second = (steps_of_peer(scenario, explores, k) for k in (1, 0))
+    steps = [steps_of_peer(scenario, explores, k) for k in range(2)]
     now = np.outer(*begin)
     met = np.zeros_like(now)
     for _ in range(scenario.max_steps):
         met += now
-        now = np.einsum("xz,zxy,xzw->yw", now, first, second, optimize=True)
-    return met
+        now = np.einsum("xz,zxy,xzw->yw", now, steps[1], steps[0], optimize=True)
+    found = [met, met.T]
+    if held:
+        for k in range(2):
+            stays = np.einsum("zxx->xz", steps[1 - k])
+            found[k] = found[k] - np.einsum("xz,xzw->xw", found[k] * stays, steps[k])
+    return [np.maximum(often, 0.0) for often in found]
 
 
-def games_of(scenario, team, credit=2.0):
+def games_of(scenario, team, credit=2.0, held=False):
     """Return the problem of each robot beside the other one of a team.
 
     Args:
         scenario: two robots that can only be together in a doorway.
         team: the probability of each move of each robot, shape (x, z, b).
         credit: how much a miscoordination counts: 2, for both robots.
+        held: whether decisions hold, so that M counts only steps in which the robot comes to x.
     """
     door = np.zeros(len(scenario.map.cells), dtype=bool)
     door[list(scenario.map.doorways)] = True
-    met = meetings(scenario, team)
+    met = meetings(scenario, team, held)
     games = []
     for k, robot in enumerate(scenario.robots):
         moves = motion(scenario, k)
@@ -208,17 +247,8 @@ def games_of(scenario, team, credit=2.0):
         reward = arrives[:, None, :] + credit * scenario.penalties[k] * both
         goals = np.arange(len(door)) == robot.goal
         reward[goals] = 0.0
-        weights = (met, met.T)[k]
-        weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
-        games.append(
-            Game(
-                moves,
-                peer,
-                reward,
-                weights,
-                goals,
-                scenario.discount,
-                scenario.ask_cost,
-            )
-        )
+        total = met[k].sum(axis=1, keepdims=True)
+        weights = met[k] / np.where(total > 0.0, total, 1.0)
+        discount, cost = scenario.discount, scenario.ask_cost
+        games.append(Game(moves, peer, reward, weights, goals, discount, cost))
     return games
