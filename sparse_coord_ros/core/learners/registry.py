@@ -15,6 +15,7 @@ from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 from sparse_coord_ros.core.learners.joint import Joint
 from sparse_coord_ros.core.learners.learner import Learner, check_attributes
+from sparse_coord_ros.core.learners.voi import Voi
 
 
 def _learner(name: str, thing: object) -> Learner:
@@ -36,7 +37,16 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (Coop(), NonCoop(), Indiv(), Hysteretic(), Factored(), CQ(), Joint()):
+for _own in (
+    Coop(),
+    NonCoop(),
+    Indiv(),
+    Hysteretic(),
+    Factored(),
+    Voi(),
+    CQ(),
+    Joint(),
+):
     LEARNERS.register(_own.label, _own)
 
 

@@ -1,0 +1,643 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The value of information: a robot asks where knowing is worth its price.
+
+Cells: x of the robot, z_j of peer j; a step later y and z'_j. Moves: b. c: the cost of a question.
+
+    (1) U(x, b)      = E[ r^I + gamma max_b' U(y, b') ]             a robot that meets nobody
+    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer
+    (3) Q*(x, b)     = U(x, b) + mean of min_j rho0_j(x, z_j, b)    it does not ask
+    (4) Q*(x, ask)   = mean of max_b Q^C(x, z, b) - c               it asks
+
+The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer
+j changes if the robot asks in x, rho0_j if it does not. Each step from z_j to z'_j teaches both,
+for all four moves of the cell:
+
+    (5) U + rho_j    <- sum_y P(y | x, b, z'_j) [ r^C + gamma V_j(y, z'_j) ]
+    (6) V_j(y, z')   =  max_b (U + rho_j)(y, z', b) - c     if it asks in y
+                        (U + rho0_j)(y, z', m)              if not; m: the best move of (3)
+
+As a robot's choice depends on its cell alone, it holds while the robot stays there: for y = x,
+rho_j takes the first line of (6), and rho0_j the second one with m = b. A step that the robot did
+not make itself counts by its probability (`weight_of`). In teams of more than two, robots that
+face each other lose patience: see `patience`.
+
+This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
+max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
+docs/coordination.md derives each line.
+"""
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.base.compiling import jitable
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.game.draws import MOVE_TIE, REPLAY, draw
+from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.specs import Spec
+from sparse_coord_ros.core.game.world import RewardWeights
+from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.lone import known_q_star
+from sparse_coord_ros.core.learners.rules import (
+    Task,
+    Transition,
+    Values,
+    copy_moves,
+    epsilon_greedy,
+    greatest,
+    greedy,
+    step_size,
+    toward,
+)
+from sparse_coord_ros.core.learners.table import Table, find, met, table
+
+WALL = 4
+"""Tries after which a move that never led out of its cell is one into a wall: it may have slipped
+before."""
+
+MAP_TRIES = 20
+"""For how many tries of each move a known map counts."""
+
+OWN_TRIES = 2
+"""For how many tries the model of all moves counts in the model of moves given z'."""
+
+MOST_WEIGHT = 2.0
+"""The most that a step counts for a move that was not made."""
+
+PATIENCE = 4
+"""Answers in a row in which nobody moved before waiting loses value."""
+
+MOST_CREDIT = 8
+"""How often r^C counts at most by default."""
+
+FORBIDDEN = -1e9
+"""The value of moving into a wall without asking: a robot would do it for ever."""
+
+ASKS, DOES_NOT_ASK = range(2)
+"""Whose correction a row of `rho` is: rho, or rho0."""
+
+
+class Voi(Learner):
+    """Algorithm 1 with the value of information."""
+
+    name = "voi"
+    title = "Value of information"
+    summary = "asks where knowing its peers' cells is worth more than a question costs"
+    partners = True
+    defaults = MappingProxyType(
+        {
+            "epsilon": "linear:0.3:0.02:0.8",
+            "starts": "exploring:1:0:0.5",
+            "peers": "all",
+            "credit": "team",
+            "step_size": "floored:0.6:0.1:0.01",
+        }
+    )
+    values = ("q_star", "u", "gain", "rho")
+    scratch = ("row",)
+
+    class Mind(NamedTuple):
+        """What robots remember; k is a robot, x its cell, b a move, j a peer.
+
+        Attributes:
+            q_star: Q*, by (3) and (4) [k, x, action].
+            updates: how often b was tried [k, x, b]; how often it asked [k, x, 4].
+            answered: how often it asked in x and was answered [k, x].
+            u: U, by (1) [k, x, b].
+            led: how often b led out of x [k, x, b].
+            to: the cell where it led [k, x, b].
+            visited: the cells that it has visited, in the order of their first time [k, n].
+            count: how many they are [k, 0].
+            gain: Q* - U of moves; of COORDINATE Q* + c - max_b U [k, x, action].
+            arrivals: how often it met its peers on coming to x [k, x].
+            rho: rho_j and rho0_j: a row [b] for x, j, z and `ASKS` or `DOES_NOT_ASK`.
+            given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
+            peer: for x, j, z and z', how often b was made (`updates`), and the r^C of it that was
+                felt last when it led out (`values`).
+            felt: for y, j and z', the r^C that was felt last there.
+            last: of the last step: whether it knew its peers' cells, its own cell, its move, the
+                peers with which it interacted, r^C, and the cells of all robots [k, 5 + j].
+            stood: of the last answer: how many in a row found nobody moved, and the cells of all
+                robots [k, 1 + j].
+            row: space for a row [k, b].
+        """
+
+        q_star: Any
+        updates: Any
+        answered: Any
+        u: Any
+        led: Any
+        to: Any
+        visited: Any
+        count: Any
+        gain: Any
+        arrivals: Any
+        rho: Table
+        given: Table
+        peer: Table
+        felt: Table
+        last: Any
+        stood: Any
+        row: Any
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """As of `Learner`; with more than `MOST_CREDIT` robots r^C counts so often."""
+        chosen = super().with_defaults(scenario)
+        if len(scenario.robots) > MOST_CREDIT and "credit" not in scenario.given:
+            chosen = replace(chosen, credit=Spec("weight", (float(MOST_CREDIT),)))
+        return chosen
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless COORDINATE perceives every peer."""
+        super().check(scenario)
+        if len(scenario.robots) > 2 and scenario.peers != "all":
+            raise SettingError(
+                f"setting peers: value is {scenario.peers!r}, allowed with learner voi and "
+                "more than two robots: all; set peers=all, or leave it out"
+            )
+
+    def rows_of_a_cell(self, scenario: Scenario) -> int:
+        """As of `Learner`: one for each peer's cell."""
+        return (len(scenario.robots) - 1) * len(scenario.map.cells)
+
+    # One robot.
+
+    @staticmethod
+    def initial(scenario: Scenario, robot: int) -> Any:
+        """Return what a robot remembers before learning: U is `q_coord_init`, all else 0."""
+        cells = len(scenario.map.cells)
+        team = len(scenario.robots)
+        places = cells * team * cells
+        moves = (cells, PRIMITIVES)
+        nothing = np.zeros((1, PRIMITIVES))
+        u = np.full(moves, float(scenario.q_coord_init))
+        q_star = np.full((cells, len(ACTIONS)), float(scenario.q_coord_init))
+        q_star[:, COORDINATE] -= scenario.ask_cost
+        return Voi.Mind(
+            q_star=q_star,
+            updates=np.zeros(q_star.shape, dtype=np.int64),
+            answered=np.zeros(cells, dtype=np.int64),
+            u=u,
+            led=np.zeros(moves, dtype=np.int64),
+            to=np.zeros(moves, dtype=np.int64),
+            visited=np.zeros(cells, dtype=np.int64),
+            count=np.zeros(1, dtype=np.int64),
+            gain=np.zeros(q_star.shape),
+            arrivals=np.zeros(cells, dtype=np.int64),
+            rho=table(2 * places, nothing, 2 * team),
+            given=table(places, nothing, team),
+            peer=table(places * cells, nothing, team),
+            felt=table(places, nothing, team),
+            last=np.zeros(5 + team),
+            stood=np.zeros(1 + team, dtype=np.int64),
+            row=np.zeros(PRIMITIVES),
+        )
+
+    @staticmethod
+    def informed(
+        mind: Any, scenario: Scenario, robot: int, weights: RewardWeights
+    ) -> Any:
+        """Return what a robot that knows its map remembers: U, and its model of moves."""
+        q_star = known_q_star(scenario, robot, weights, mind.q_star)
+        lead = scenario.map.next_cell
+        cells = np.arange(len(lead))
+        leads = lead != cells[:, None]
+        updates = mind.updates.copy()
+        updates[:, :PRIMITIVES] = MAP_TRIES
+        return mind._replace(
+            q_star=q_star,
+            updates=updates,
+            u=q_star[:, :PRIMITIVES].copy(),
+            led=leads * max(1, round(scenario.known_success * MAP_TRIES)),
+            to=np.where(leads, lead, 0),
+            visited=cells,
+            count=np.array([len(cells)]),
+        )
+
+    @staticmethod
+    def begin_episode(mind: Any, task: Task, k: int) -> None:
+        """Forget the last step and the last answer."""
+        mind.last[k, 0] = 0.0
+        mind.last[k, 1] = -1.0
+        mind.stood[k, :] = -1
+
+    @staticmethod
+    def decide(mind: Any, task: Task, k: int, step: int, cell: int) -> int:
+        """Return A_k(t): while it learns it asks in every step, to know its peers' cells.
+
+        Where robots see their peers while they learn, it explores by epsilon instead.
+        """
+        if task.sees_all:
+            return epsilon_greedy(mind.q_star[k, cell], task, k, step)
+        return COORDINATE
+
+    @staticmethod
+    def asking_values(
+        mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
+    ) -> None:
+        """Set the values Q^C, by (2); after a failed percept Q*, as Algorithm 1."""
+        if seen == 0:
+            copy_moves(mind.q_star[k, cell], values)
+            return
+        worst(mind, task, k, cell, cells, ASKS, values)
+        for b in range(PRIMITIVES):
+            values[b] += mind.u[k, cell, b]
+
+    @staticmethod
+    def move_after_asking(
+        mind: Any,
+        task: Task,
+        k: int,
+        step: int,
+        cell: int,
+        seen: int,
+        cells: Any,
+        values: Values,
+    ) -> int:
+        """Return the greedy move; while it learns the move of its policy, which explores.
+
+        While it learns it asks in every step, also where its policy would not ask.
+        """
+        if task.learning and not task.sees_all:
+            action = epsilon_greedy(mind.q_star[k, cell], task, k, step)
+            if action != COORDINATE:
+                return action
+        if seen != 0 and task.robots > 2:
+            patience(mind, task, k, cell, cells, values)
+        return greedy(values, PRIMITIVES, task.keys[k], step, MOVE_TIE)
+
+    @staticmethod
+    def bootstrap(mind: Any, task: Task, k: int, cell: int, now: Transition) -> float:
+        """Return 0: the value of the next cell depends on where the peers are, see `learn`."""
+        return 0.0
+
+    @staticmethod
+    def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
+        """Learn from the own move, and from the steps that peers made until now."""
+        x = now.cell
+        if now.seen != 0 and mind.last[k, 0] != 0:
+            learn_from_peers(mind, task, k, now)
+        count_move(mind, task, k, now)
+        learn_alone(mind, task, k, x)
+        if now.seen != 0 and mind.last[k, 1] != x:
+            learn_means(mind, task, k, now)
+        note_step(mind, task, k, now)
+        refresh(mind, task, k, x)
+        chance = draw(task.keys[k], now.step, REPLAY)
+        again = int(mind.visited[k, int(chance * mind.count[k, 0])])
+        learn_alone(mind, task, k, again)
+        refresh(mind, task, k, again)
+
+
+# Keys of the tables.
+
+
+@jitable
+def place(task: Task, x: int, j: int, z: int) -> int:
+    """Return the key of an own cell, a peer and its cell."""
+    return (x * task.robots + j) * task.cells + z
+
+
+@jitable
+def row_of(mind: Any, task: Task, k: int, x: int, j: int, z: int, asks: int) -> int:
+    """Return the row of rho_j or rho0_j."""
+    return find(mind.rho, k, 2 * place(task, x, j, z) + asks)
+
+
+# A robot alone.
+
+
+@jitable
+def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Count a step in the model of moves, and a question."""
+    x = now.cell
+    if greatest(mind.updates[k, x], PRIMITIVES) == 0.0:
+        mind.visited[k, mind.count[k, 0]] = x
+        mind.count[k, 0] += 1
+    mind.updates[k, x, now.move] += 1
+    if now.next_cell != x:
+        mind.led[k, x, now.move] += 1
+        mind.to[k, x, now.move] = now.next_cell
+    if now.action == COORDINATE:
+        mind.updates[k, x, COORDINATE] += 1
+        if now.seen != 0:
+            mind.answered[k, x] += 1
+
+
+@jitable
+def is_known(mind: Any, k: int, x: int, b: int) -> bool:
+    """Return whether the robot knows where a move leads: it led out, or it is one into a wall."""
+    return bool(mind.led[k, x, b] > 0 or mind.updates[k, x, b] >= WALL)
+
+
+@jitable
+def is_wall(mind: Any, k: int, x: int, b: int) -> bool:
+    """Return whether a move is one into a wall."""
+    return bool(mind.led[k, x, b] == 0 and mind.updates[k, x, b] >= WALL)
+
+
+@jitable
+def arrival_value(task: Task) -> float:
+    """Return the value of an arrival: its reward, and that of being at the goal."""
+    return float(task.weights[0] * task.goal_reward + task.discount * task.goal_value)
+
+
+@jitable
+def price(task: Task) -> float:
+    """Return c."""
+    return float(task.weights[2] * task.ask_cost)
+
+
+@jitable
+def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
+    """Set U of the moves in a cell by the model of moves: equation (1)."""
+    here = task.discount * greatest(mind.u[k, x], PRIMITIVES)
+    for b in range(PRIMITIVES):
+        if is_known(mind, k, x, b):
+            y = int(mind.to[k, x, b])
+            there = task.discount * greatest(mind.u[k, y], PRIMITIVES)
+            if y == task.goals[k]:
+                there = arrival_value(task)
+            share = mind.led[k, x, b] / mind.updates[k, x, b]
+            mind.u[k, x, b] = share * there + (1.0 - share) * here
+
+
+# Peers.
+
+
+@jitable
+def worst(
+    mind: Any, task: Task, k: int, x: int, cells: Any, asks: int, values: Any
+) -> None:
+    """Set min_j rho_j(x, z_j, b), or that of rho0; more than 0 only with one peer."""
+    for b in range(PRIMITIVES):
+        values[b] = 0.0
+    for j in range(task.robots):
+        if j != k:
+            row = row_of(mind, task, k, x, j, int(cells[j]), asks)
+            for b in range(PRIMITIVES):
+                value = mind.rho.values[k, row, b]
+                if task.robots == 2 or value < values[b]:
+                    values[b] = value
+
+
+@jitable
+def best_without_asking(mind: Any, k: int, x: int) -> int:
+    """Return m: the best move in x by (3)."""
+    best = 0
+    for b in range(1, PRIMITIVES):
+        if mind.q_star[k, x, b] > mind.q_star[k, x, best]:
+            best = b
+    return best
+
+
+@jitable
+def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
+    """Return V_j(y, z'), by (6)."""
+    m = best_without_asking(mind, k, y)
+    if mind.q_star[k, y, COORDINATE] > mind.q_star[k, y, m]:
+        return value_asking(mind, task, k, j, y, z)
+    row = row_of(mind, task, k, y, j, z, DOES_NOT_ASK)
+    return float(mind.u[k, y, m] + mind.rho.values[k, row, m])
+
+
+@jitable
+def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
+    """Return the first line of (6): where percepts fail, by the share that succeeded in y."""
+    row = row_of(mind, task, k, y, j, z, ASKS)
+    rho = mind.rho.values[k, row]
+    best = mind.u[k, y, 0] + rho[0]
+    for b in range(1, PRIMITIVES):
+        best = max(best, mind.u[k, y, b] + rho[b])
+    m = best_without_asking(mind, k, y)
+    share = (mind.answered[k, y] + 1) / (mind.updates[k, y, COORDINATE] + 1)
+    best = share * best + (1.0 - share) * (mind.u[k, y, m] + rho[m])
+    return float(best - price(task) / (task.robots - 1))
+
+
+@jitable
+def learn_from_peers(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Learn from the last step, as its robot now knows where its peers went."""
+    last = mind.last[k]
+    x = int(last[1])
+    move = int(last[2])
+    interacted = int(last[3])
+    for j in range(task.robots):
+        if j != k:
+            common = last[4] if (interacted >> j) & 1 else 0.0
+            z = int(last[5 + j])
+            learn_from_peer(
+                mind, task, k, now, j, x, move, z, int(now.cells[j]), common
+            )
+
+
+@jitable
+def learn_from_peer(
+    mind: Any,
+    task: Task,
+    k: int,
+    now: Transition,
+    j: int,
+    x: int,
+    move: int,
+    z: int,
+    z_next: int,
+    common: float,
+) -> None:
+    """Learn rho_j and rho0_j of all moves in x from a step of peer j: equation (5).
+
+    Args:
+        mind: the team's mind.
+        task: its task.
+        k: the robot.
+        now: the transition after that step.
+        j: the peer.
+        x: the robot's cell before that step; `now.cell` is the one after it.
+        move: its move in that step.
+        z: the peer's cell before that step.
+        z_next: the peer's cell after it, z'.
+        common: r^C of that step, if they interacted.
+    """
+    y = now.cell
+    key = place(task, x, j, z)
+    peer = met(mind.peer, task, k, key * task.cells + z_next)
+    given = met(mind.given, task, k, place(task, x, j, z_next))
+    felt = met(mind.felt, task, k, place(task, y, j, z_next))
+    asking = met(mind.rho, task, k, 2 * key + ASKS)
+    not_asking = met(mind.rho, task, k, 2 * key + DOES_NOT_ASK)
+    mind.peer.updates[k, peer, move] += 1
+    # Of arrivals it does not know where the peer went: it counts no move that leads home.
+    if mind.to[k, x, move] != task.goals[k]:
+        mind.given.updates[k, given, move] += 1
+        if y != x:
+            mind.given.values[k, given, move] += 1.0
+    mind.felt.values[k, felt, 0] = common
+    mind.rho.updates[k, asking, move] += 1
+    if y != x:
+        mind.peer.values[k, peer, move] = common
+    made = mind.rho.updates[k, asking]
+    went = mind.peer.updates[k, peer]
+    total = made[0] + made[1] + made[2] + made[3]
+    share = (went[0] + went[1] + went[2] + went[3]) / total
+    alpha = step_size(task, int(total) + 1, now.step)
+    for b in range(PRIMITIVES):
+        if is_known(mind, k, x, b):
+            out = chance_to_leave(mind, k, x, b, given)
+            leaving = 0.0
+            if out > 0.0:
+                leaving = out * after_leaving(mind, task, k, j, x, b, z_next, peer)
+            stays = (1.0 - out) * after_staying(mind, task, k, j, x, b, z_next, ASKS)
+            holds = (1.0 - out) * after_staying(
+                mind, task, k, j, x, b, z_next, DOES_NOT_ASK
+            )
+            size = min(1.0, alpha * weight_of(made, went, share, b, move))
+            rho = mind.rho.values[k, asking]
+            rho[b] = toward(rho[b], size, leaving + stays - mind.u[k, x, b])
+            rho = mind.rho.values[k, not_asking]
+            rho[b] = toward(rho[b], size, leaving + holds - mind.u[k, x, b])
+
+
+@jitable
+def chance_to_leave(mind: Any, k: int, x: int, b: int, given: int) -> float:
+    """Return P(y != x | x, b, z') by the counts of the row `given` and of the model of moves."""
+    out = mind.led[k, x, b] / mind.updates[k, x, b]
+    led = mind.given.values[k, given, b] + OWN_TRIES * out
+    return float(led / (mind.given.updates[k, given, b] + OWN_TRIES))
+
+
+@jitable
+def after_staying(
+    mind: Any, task: Task, k: int, j: int, x: int, b: int, z_next: int, asks: int
+) -> float:
+    """Return r^C + gamma V_j(x, z') for a robot that stays in x, where its choice holds.
+
+    It goes on asking, or making move b without asking.
+    """
+    r = mind.felt.values[k, find(mind.felt, k, place(task, x, j, z_next)), 0]
+    if asks == ASKS:
+        value = value_asking(mind, task, k, j, x, z_next)
+    else:
+        row = row_of(mind, task, k, x, j, z_next, DOES_NOT_ASK)
+        value = float(mind.u[k, x, b] + mind.rho.values[k, row, b])
+    return float(r + task.discount * value)
+
+
+@jitable
+def after_leaving(
+    mind: Any, task: Task, k: int, j: int, x: int, b: int, z_next: int, peer: int
+) -> float:
+    """Return r^C + gamma V_j(y, z') for a move that leads to another cell y.
+
+    r^C is that of this very step, if it was ever made; else that of the cells where it ends.
+    """
+    y = int(mind.to[k, x, b])
+    if mind.peer.updates[k, peer, b] > 0:
+        r = mind.peer.values[k, peer, b]
+    else:
+        r = mind.felt.values[k, find(mind.felt, k, place(task, y, j, z_next)), 0]
+    if y == task.goals[k]:
+        return float(r + arrival_value(task))
+    return float(r + task.discount * value_of(mind, task, k, j, y, z_next))
+
+
+@jitable
+def weight_of(made: Any, went: Any, share: float, b: int, move: int) -> float:
+    """Return how much a peer's step counts for a move; 1 for the one that was made.
+
+    It is P(z' | x, z, b) / P(z' | x, z, move): the peer's step may depend on the move, where
+    robots stop each other. Each probability counts P(z' | x, z) as one try.
+
+    Args:
+        made: how often each move was made in x, with the peer in z.
+        went: how often the peer then went to z'.
+        share: P(z' | x, z).
+        b: the move.
+        move: the move that was made.
+    """
+    likely = (went[b] + share) / (made[b] + 1)
+    made_likely = (went[move] + share) / (made[move] + 1)
+    return float(min(MOST_WEIGHT, likely / made_likely))
+
+
+@jitable
+def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Move the means of (3) and (4) toward the values with the peers where they are now."""
+    x = now.cell
+    count = int(mind.arrivals[k, x]) + 1
+    mind.arrivals[k, x] = count
+    alpha = step_size(task, count, now.step)
+    rho = mind.row[k]
+    worst(mind, task, k, x, now.cells, DOES_NOT_ASK, rho)
+    for b in range(PRIMITIVES):
+        mind.gain[k, x, b] = toward(mind.gain[k, x, b], alpha, rho[b])
+    worst(mind, task, k, x, now.cells, ASKS, rho)
+    best = mind.u[k, x, 0] + rho[0]
+    for b in range(1, PRIMITIVES):
+        best = max(best, mind.u[k, x, b] + rho[b])
+    worth = best - greatest(mind.u[k, x], PRIMITIVES)
+    mind.gain[k, x, COORDINATE] = toward(mind.gain[k, x, COORDINATE], alpha, worth)
+
+
+@jitable
+def note_step(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Note a step: what the peers did in it is known after the next one."""
+    last = mind.last[k]
+    last[0] = now.seen
+    last[1] = now.cell
+    last[2] = now.move
+    last[3] = now.partners
+    last[4] = task.weights[1] * now.common
+    for j in range(task.robots):
+        last[5 + j] = now.cells[j]
+
+
+@jitable
+def refresh(mind: Any, task: Task, k: int, x: int) -> None:
+    """Set Q*(x, .), by (3) and (4)."""
+    for b in range(PRIMITIVES):
+        mind.q_star[k, x, b] = mind.u[k, x, b] + mind.gain[k, x, b]
+        if is_wall(mind, k, x, b):
+            mind.q_star[k, x, b] = FORBIDDEN
+    worth = greatest(mind.u[k, x], PRIMITIVES) + mind.gain[k, x, COORDINATE]
+    mind.q_star[k, x, COORDINATE] = worth - price(task)
+
+
+# Stand-offs.
+
+
+@jitable
+def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
+    """Take the value of waiting times gamma^n, after n answers in a row in which nobody moved.
+
+    Nobody: neither the robot nor the peer in its way, the worst one of its best move alone. Two
+    robots that face each other with others behind them see a way out in pairs; the team has
+    none, and learning does not show it, as robots that explore break it up.
+    """
+    way = 0
+    for b in range(1, PRIMITIVES):
+        if mind.u[k, x, b] > mind.u[k, x, way]:
+            way = b
+    in_way = -1
+    lowest = 0.0
+    for j in range(task.robots):
+        if j != k:
+            row = row_of(mind, task, k, x, j, int(cells[j]), ASKS)
+            rho = mind.rho.values[k, row, way]
+            if in_way < 0 or rho < lowest:
+                in_way = j
+                lowest = rho
+    stood = mind.stood[k]
+    count = 0
+    if stood[1 + k] == x and stood[1 + in_way] == cells[in_way]:
+        count = int(stood[0]) + 1
+    stood[0] = count
+    for j in range(task.robots):
+        stood[1 + j] = cells[j]
+    stood[1 + k] = x
+    for b in range(PRIMITIVES):
+        if is_wall(mind, k, x, b) and values[b] > 0.0:
+            values[b] *= task.discount ** max(0, count - PATIENCE)
