@@ -136,7 +136,6 @@ def test_two_runs_of_a_task_write_to_no_common_array():
     task = Coop().task(load_scenario("env1"))
     one = of_run(task, task.keys)
     other = of_run(task, task.keys)
-    assert not np.shares_memory(one.row, other.row)
     assert not np.shares_memory(one.full, other.full)
 
 
