@@ -638,6 +638,9 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     for j in range(task.robots):
         stood[1 + j] = cells[j]
     stood[1 + k] = x
+    left = 1.0
+    for _ in range(PATIENCE, count):
+        left *= task.discount
     for b in range(PRIMITIVES):
         if is_wall(mind, k, x, b) and values[b] > 0.0:
-            values[b] *= task.discount ** max(0, count - PATIENCE)
+            values[b] *= left
