@@ -106,9 +106,10 @@ class Voi(Learner):
         Attributes:
             q_star: Q*, by (3) and (4) [k, x, action].
             updates: how often b was tried [k, x, b]; how often it asked [k, x, 4].
+            prior: for how many tries of each move the map counts [k, 0].
             answered: how often it asked in x and was answered [k, x].
             u: U, by (1) [k, x, b].
-            led: how often b led out of x [k, x, b].
+            led: how often b led out of x, by the map, too [k, x, b].
             to: the cell where it led [k, x, b].
             visited: the cells that it has visited, in the order of their first time [k, n].
             count: how many they are [k, 0].
@@ -128,6 +129,7 @@ class Voi(Learner):
 
         q_star: Any
         updates: Any
+        prior: Any
         answered: Any
         u: Any
         led: Any
@@ -180,6 +182,7 @@ class Voi(Learner):
         return Voi.Mind(
             q_star=q_star,
             updates=np.zeros(q_star.shape, dtype=np.int64),
+            prior=np.zeros(1, dtype=np.int64),
             answered=np.zeros(cells, dtype=np.int64),
             u=u,
             led=np.zeros(moves, dtype=np.int64),
@@ -206,11 +209,9 @@ class Voi(Learner):
         lead = scenario.map.next_cell
         cells = np.arange(len(lead))
         leads = lead != cells[:, None]
-        updates = mind.updates.copy()
-        updates[:, :PRIMITIVES] = MAP_TRIES
         return mind._replace(
             q_star=q_star,
-            updates=updates,
+            prior=np.array([MAP_TRIES]),
             u=q_star[:, :PRIMITIVES].copy(),
             led=leads * max(1, round(scenario.known_success * MAP_TRIES)),
             to=np.where(leads, lead, 0),
@@ -262,10 +263,9 @@ class Voi(Learner):
 
         While it learns it asks in every step, also where its policy would not ask.
         """
-        if task.learning and not task.sees_all:
-            action = epsilon_greedy(mind.q_star[k, cell], task, k, step)
-            if action != COORDINATE:
-                return action
+        action = by_policy(mind, task, k, step, cell)
+        if action != COORDINATE:
+            return action
         if seen != 0 and task.robots > 2:
             patience(mind, task, k, cell, cells, values)
         return greedy(values, PRIMITIVES, task.keys[k], step, MOVE_TIE)
@@ -293,6 +293,17 @@ class Voi(Learner):
         refresh(mind, task, k, again)
 
 
+@jitable
+def by_policy(mind: Any, task: Task, k: int, step: int, cell: int) -> int:
+    """Return what the policy of a robot that asks would do: ask, or make a move without asking.
+
+    They differ while the robot asks in every step to learn: see `Voi.decide`.
+    """
+    if task.learning and not task.sees_all:
+        return epsilon_greedy(mind.q_star[k, cell], task, k, step)
+    return COORDINATE
+
+
 # Keys of the tables.
 
 
@@ -315,7 +326,7 @@ def row_of(mind: Any, task: Task, k: int, x: int, j: int, z: int, asks: int) -> 
 def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Count a step in the model of moves, and a question."""
     x = now.cell
-    if greatest(mind.updates[k, x], PRIMITIVES) == 0.0:
+    if mind.prior[k, 0] == 0 and greatest(mind.updates[k, x], PRIMITIVES) == 0.0:
         mind.visited[k, mind.count[k, 0]] = x
         mind.count[k, 0] += 1
     mind.updates[k, x, now.move] += 1
@@ -329,15 +340,21 @@ def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
 
 
 @jitable
+def tries_of(mind: Any, k: int, x: int, b: int) -> int:
+    """Return how often a move was tried, with the tries for which the map counts."""
+    return int(mind.updates[k, x, b] + mind.prior[k, 0])
+
+
+@jitable
 def is_known(mind: Any, k: int, x: int, b: int) -> bool:
     """Return whether the robot knows where a move leads: it led out, or it is one into a wall."""
-    return bool(mind.led[k, x, b] > 0 or mind.updates[k, x, b] >= WALL)
+    return bool(mind.led[k, x, b] > 0 or tries_of(mind, k, x, b) >= WALL)
 
 
 @jitable
 def is_wall(mind: Any, k: int, x: int, b: int) -> bool:
     """Return whether a move is one into a wall."""
-    return bool(mind.led[k, x, b] == 0 and mind.updates[k, x, b] >= WALL)
+    return bool(mind.led[k, x, b] == 0 and tries_of(mind, k, x, b) >= WALL)
 
 
 @jitable
@@ -362,7 +379,7 @@ def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
             there = task.discount * greatest(mind.u[k, y], PRIMITIVES)
             if y == task.goals[k]:
                 there = arrival_value(task)
-            share = mind.led[k, x, b] / mind.updates[k, x, b]
+            share = mind.led[k, x, b] / tries_of(mind, k, x, b)
             mind.u[k, x, b] = share * there + (1.0 - share) * here
 
 
@@ -504,7 +521,7 @@ def learn_from_peer(
 @jitable
 def chance_to_leave(mind: Any, k: int, x: int, b: int, given: int) -> float:
     """Return P(y != x | x, b, z') by the counts of the row `given` and of the model of moves."""
-    out = mind.led[k, x, b] / mind.updates[k, x, b]
+    out = mind.led[k, x, b] / tries_of(mind, k, x, b)
     led = mind.given.values[k, given, b] + OWN_TRIES * out
     return float(led / (mind.given.updates[k, given, b] + OWN_TRIES))
 

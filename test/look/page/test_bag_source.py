@@ -139,12 +139,12 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
 
 TEAMS = {
     "coop": ("env1", {"perception": "probability:0.6", "steps": 300}, {}),
-    "factored": (
+    "voi": (
         "env1",
         {"perception": "probability:0.6", "steps": 300},
-        {"learner": "factored"},
+        {"learner": "voi"},
     ),
-    "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
+    "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "voi"}),
 }
 
 
@@ -194,7 +194,7 @@ def moves_told(lines):
 
 
 def test_the_page_says_where_a_robot_left_a_stand_off(record):
-    values = {"checkpoint": 100, "learner": "factored"}
+    values = {"checkpoint": 100, "learner": "voi"}
     bag = record("crowd-3r", settings={"steps": 600}, values=values).bag
     log = read_run(bag)
     left = [
@@ -517,7 +517,7 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(team, tables, w
 def test_of_a_larger_team_one_robot_is_told(record):
     """All robots that ask at once would fill the page."""
     settings = {"steps": 1500, "penalty": -100}
-    bag = record("crowd-8r", settings=settings, values={"learner": "factored"}).bag
+    bag = record("crowd-8r", settings=settings, values={"learner": "voi"}).bag
     long_log = LongLog(bag)
     tables = [long_log.tables_before(k).tables for k in range(8)]
     long_log.bag.close()
