@@ -121,7 +121,8 @@ class Voi(Learner):
                 felt last when it led out (`values`).
             felt: for y, j and z', the r^C that was felt last there.
             last: of the last step: whether it knew its peers' cells, its own cell, its move, the
-                peers with which it interacted, r^C, and the cells of all robots [k, 5 + j].
+                peers with which it interacted, r^C, and the cells of all robots, if it knew them
+                [k, 5 + j].
             stood: of the last answer: how many in a row found nobody moved, and the cells of all
                 robots [k, 1 + j].
             row: space for a row [k, b].
@@ -608,8 +609,9 @@ def note_step(mind: Any, task: Task, k: int, now: Transition) -> None:
     last[2] = now.move
     last[3] = now.partners
     last[4] = task.weights[1] * now.common
-    for j in range(task.robots):
-        last[5 + j] = now.cells[j]
+    if now.seen != 0:
+        for j in range(task.robots):
+            last[5 + j] = now.cells[j]
 
 
 @jitable
