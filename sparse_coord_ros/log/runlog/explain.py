@@ -211,7 +211,7 @@ def reason_of(
     impatient = False
     if replay.other is None and replay.decide().action == COORDINATE:
         if _moves_as_voi(agent.learner):
-            of_policy = by_policy(agent.mind, agent.task, agent.number, step, cell)
+            of_policy = by_policy(agent.values(cell), agent.task, agent.number, step)
         replay.act()
         impatient = _moves_as_voi(agent.learner) and values != agent.values_at_last
         values = agent.values_at_last
