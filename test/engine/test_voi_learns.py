@@ -5,7 +5,8 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.engine.batch import run_batch
+from sparse_coord_ros.base.compiling import has_numba
+from sparse_coord_ros.core.engine.batch import prepare, run_batch
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import fails
@@ -29,6 +30,13 @@ BUILDINGS = {
 """What shortest paths earn, and the best asking team found (`find_asking_team`, 20 restarts)."""
 
 
+@pytest.fixture(scope="module")
+def voi_compiled():
+    """Compile the loop of voi."""
+    if has_numba():
+        prepare("voi")
+
+
 def learned(scenario, seeds=SEEDS):
     """Return the measures of a team for each seed."""
     rule = learner_of("voi")
@@ -37,28 +45,44 @@ def learned(scenario, seeds=SEEDS):
     return [run.measures for run in runs]
 
 
-@pytest.mark.parametrize(
-    ("interactions", "peers_seen", "least"),
-    [
-        ("together", "when_asked", 0.97),
-        ("together", "while_learning", 0.97),
-        ("swap", "when_asked", 0.97),
-        ("block:anywhere", "when_asked", 0.95),
-        ("block:anywhere", "while_learning", 0.95),
-    ],
-)
-def test_it_closes_most_of_the_gap_and_no_team_fails(interactions, peers_seen, least):
-    gained = gap = failed = 0.0
+def judged(interactions, **settings):
+    """Return the share of the pooled gap that is closed, and the least arrival of a team."""
+    gained = gap = 0.0
+    arrived = []
     for (kind, number, game), (paths, best) in BUILDINGS.items():
         if game == interactions:
             scenario = load_scenario(f"unseen2-{kind}-2r-{number}").with_settings(
-                interactions=game, peers_seen=peers_seen, steps=50_000
+                interactions=game, steps=50_000, **settings
             )
             teams = learned(scenario)
             gained += np.mean([team.mean("returns") for team in teams]) - paths
             gap += best - paths
-            failed += sum(fails(team.mean("arrived")) for team in teams)
-            print(kind, game, peers_seen, (np.mean([team.mean("returns") for team in teams]) - paths)/(best-paths))
-    print(interactions, peers_seen, gained/gap, failed)
-    assert failed == 0
-    assert gained / gap > least
+            arrived += [team.mean("arrived") for team in teams]
+    return gained / gap, min(arrived)
+
+
+@pytest.mark.usefixtures("voi_compiled")
+@pytest.mark.parametrize("interactions", ["together", "swap"])
+def test_it_closes_most_of_the_gap_and_no_team_fails(interactions):
+    share, arrived = judged(interactions)
+    assert share > 0.97
+    assert not fails(arrived)
+
+
+@pytest.mark.usefixtures("voi_compiled")
+def test_where_robots_stop_each_other_few_trials_end_in_a_stand_off():
+    share, arrived = judged("block:anywhere")
+    assert share > 0.96
+    assert arrived > 0.97
+
+
+@pytest.mark.usefixtures("voi_compiled")
+@pytest.mark.parametrize("peers_seen", ["when_asked", "while_learning"])
+def test_where_half_of_the_questions_fail_it_learns_more_than_algorithm_1(peers_seen):
+    """coop earns 105.7 there, robots that ignore each other 92.6."""
+    scenario = load_scenario("env1", steps=50_000, penalty=-100).with_settings(
+        perception="probability:0.5", peers_seen=peers_seen
+    )
+    teams = learned(scenario)
+    assert np.mean([team.mean("returns") for team in teams]) > 109
+    assert not fails(min(team.mean("arrived") for team in teams))

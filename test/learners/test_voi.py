@@ -2,25 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rule of learner voi, line by line, by numbers computed by hand.
 
-The robot is robot 0 in cell `X`; its peer, robot 1, goes from `Z` to `Z2`. East of X is `Y`. Models
-of moves and values are set by hand, whatever the map is.
+The robot is robot 0 in cell `X`; its peer, robot 1, goes from `Z` to `Z2`. East of X is `Y`.
+Models of moves and values are set by hand, whatever the map is.
 """
 
 import numpy as np
 import pytest
-from teams import drawn
+from teams import drawn, memories_equal
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.core.game.draws import REPLAY, draw
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners import memory as memories
 from sparse_coord_ros.core.learners import voi
 from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import memory_before
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.table import met
-from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.voi import ASKS, DOES_NOT_ASK, FORBIDDEN, Voi
+from sparse_coord_ros.core.runs.run import learn
 
 X, Y, Z, Z2 = 2, 3, 4, 5
 G = 0.95
@@ -50,7 +52,7 @@ def set_rho(one, x, z, asks, values, peer=1):
 
 def rho(one, x, z, asks, peer=1):
     """Return rho_j(x, z, .) or rho0_j."""
-    row = voi.row_of(one.mind, one.task, 0, x, peer, z, asks)
+    row = voi.row_of(one.mind.rho, one.task, 0, x, peer, z, asks)
     return one.mind.rho.values[0, row].tolist()
 
 
@@ -126,16 +128,19 @@ def test_a_step_counts_a_try_and_where_it_led():
 def test_a_move_that_never_led_out_is_one_into_a_wall_after_four_tries():
     one = agent()
     for number in range(4):
-        assert not voi.is_wall(one.mind, 0, X, NORTH)
-        assert not voi.is_known(one.mind, 0, X, NORTH)
         assert one.q_star[X, NORTH] == 40
         step(one, 1 + 2 * number, X, NORTH, X)
-    assert voi.is_wall(one.mind, 0, X, NORTH) and voi.is_known(one.mind, 0, X, NORTH)
     assert one.q_star[X, NORTH] == FORBIDDEN
+    # it leads nowhere for sure: its value is that of a wait
+    one.mind.u[0, X] = 80.0
+    voi.learn_alone(one.mind, one.task, 0, X)
+    assert one.mind.u[0, X, NORTH] == G * 80
+    # one that led out is none, and is known at once
     step(one, 11, X, EAST, Y)
-    assert voi.is_known(one.mind, 0, X, EAST) and not voi.is_wall(one.mind, 0, X, EAST)
+    assert one.mind.u[0, X, EAST] == G * 40
     set_moves(one, X, east=(9, 1, Y))
-    assert not voi.is_wall(one.mind, 0, X, EAST)
+    voi.refresh(one.mind, one.task, 0, X)
+    assert one.q_star[X, EAST] == one.mind.u[0, X, EAST]
 
 
 def test_each_cell_is_visited_once_and_one_is_learned_again_by_the_draw():
@@ -194,6 +199,15 @@ def test_of_several_peers_the_worst_one_counts_and_none_adds_value():
     assert one.values_asking(X, (Z, Z2)) == [36.0, 40.0, 37.0, 40.0]
     assert one.values_asking(X, (Z, Z)) == [39.0, 40.0, 37.0, 40.0]
     assert one.values_asking(X, (Z2, Z)) == [40.0] * 4
+
+
+def test_values_are_set_whatever_they_were():
+    one = agent(THREE)
+    set_rho(one, X, Z, ASKS, [-1.0, 1.0, -3.0, 0.0])
+    for before in (-9.0, 9.0):
+        values = [before] * 4
+        one.learner.asking_values(one.mind, one.task, 0, X, 6, [X, Z, Z], values)
+        assert values == [39.0, 40.0, 37.0, 40.0]
 
 
 def test_a_failed_percept_is_worth_what_no_question_is_worth():
@@ -270,17 +284,17 @@ def test_v_is_what_it_will_do():
     one = agent()
     one.mind.u[0, Y] = [1.0, 2.0, 3.0, 4.0]
     set_rho(one, Y, Z2, ASKS, [6.0, 0.0, 5.0, 0.0])
-    set_rho(one, Y, Z2, DOES_NOT_ASK, [-1.0, -2.0, -3.0, -4.0])
+    set_rho(one, Y, Z2, DOES_NOT_ASK, [5.0, -4.0, 7.0, -9.0])
     one.mind.q_star[0, Y] = [10.0, 30.0, 20.0, 0.0, 30.5]
     assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 8.0 - COST
     # the best move by Q*, not by U, and of equal ones the first
     for asking in (30.0, 29.0):
         one.mind.q_star[0, Y] = [10.0, 30.0, 30.0, 0.0, asking]
-        assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 2.0 - 2.0
+        assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 2.0 - 4.0
     one.mind.q_star[0, Y, NORTH] = 30.0
-    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 1.0 - 1.0
+    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 1.0 + 5.0
     one.mind.q_star[0, Y, WEST] = 31.0
-    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 4.0 - 4.0
+    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 4.0 - 9.0
 
 
 def test_in_larger_teams_each_peer_pays_its_share_of_a_question():
@@ -447,14 +461,14 @@ def test_steps_that_other_moves_make_unlikely_count_less():
         0,
         voi.place(one.task, X, 1, Z) * one.task.cells + Z2,
     )
-    asking = voi.row_of(one.mind, one.task, 0, X, 1, Z, ASKS)
-    one.mind.peer.updates[0, peer] = [0, 0, 2, 1]
-    one.mind.rho.updates[0, asking] = [5, 0, 2, 1]
+    asking = voi.row_of(one.mind.rho, one.task, 0, X, 1, Z, ASKS)
+    one.mind.peer.updates[0, peer] = [2, 1, 2, 1]
+    one.mind.rho.updates[0, asking] = [5, 3, 2, 1]
     learned = transition(one, Y, Z2)
     before = np.array(rho(one, X, Z, ASKS))
     voi.learn_from_peer(one.mind, one.task, 0, learned, 1, X, EAST, Z, Z2, 0.0)
-    share = 4 / 9
-    chance = [share / 6, None, (3 + share) / 4, (1 + share) / 2]
+    share = 7 / 12
+    chance = [(2 + share) / 6, None, (3 + share) / 4, (1 + share) / 2]
     for b, target in (
         (NORTH, G * (42 - COST) - 10),
         (WEST, 0.5 * G * 32 + 0.5 * G * (42 - COST) - 40),
@@ -479,7 +493,7 @@ def test_the_step_size_is_that_of_the_next_step_of_the_peer_and_at_most_1():
         assert rho(one, X, Z, ASKS)[NORTH] == pytest.approx(expected)
     one = taught()
     one.task = one.task._replace(floors=memoryview(np.ones(99)))
-    asking = voi.row_of(one.mind, one.task, 0, X, 1, Z, ASKS)
+    asking = voi.row_of(one.mind.rho, one.task, 0, X, 1, Z, ASKS)
     one.mind.rho.updates[0, asking] = [0, 0, 9, 0]
     voi.learn_from_peer(one.mind, one.task, 0, learned, 1, X, EAST, Z, Z2, 0.0)
     # the peer's step was rare after east: north counts twice, but not more than all
@@ -633,7 +647,23 @@ def test_only_the_value_of_waiting_is_lost_and_no_loss_gets_smaller():
     assert values == [-50.0, -60.0, -145.0, -60.0]
 
 
-# Sizes, and what it refuses.
+# Files, sizes, and what it refuses.
+
+
+def test_another_run_begins_with_its_values_without_its_counts():
+    one = agent()
+    set_moves(one, X, east=(4, 3, Y))
+    for number in range(4):
+        step(one, 1 + number, X, EAST, X, (Z,), common=-20.0, partners=0b10)
+    one.begin_episode()
+    step(one, 9, X, EAST, X, (Z,))
+    memory = one.memory()
+    assert "row" not in memory
+    begun = memories.taught(one.scenario, one.learner, 0, memory)
+    for name in ("q_star", "u", "gain", "rho_keys", "rho_values"):
+        assert memory[name].any() and np.array_equal(memory[name], begun[name])
+    for name in ("updates", "answered", "arrivals", "rho_updates", "last"):
+        assert memory[name].any() and not begun[name].any()
 
 
 def test_tables_grow_with_what_was_met_not_with_joint_states():
@@ -675,7 +705,10 @@ def test_several_peers_are_asked_at_once():
     assert agent(THREE).scenario.peers == "all"
     with pytest.raises(SettingError, match="peers: value is 'one', allowed with learn"):
         learner_of("voi").check(agent(THREE, peers="one").scenario)
+    learner_of("voi").check(agent(THREE).scenario)
     learner_of("voi").check(agent(PAIR, peers="one").scenario)
+    with pytest.raises(SettingError, match="setting prior_success"):
+        learner_of("voi").check(agent(prior_success=0.5).scenario)
 
 
 @pytest.mark.parametrize(
@@ -691,3 +724,28 @@ def test_r_c_counts_for_the_team_up_to_eight_times(name, settings, weight):
     chosen = load_scenario(name).with_settings(settings)
     scenario = learner_of("voi").with_defaults(chosen)
     assert Voi().weights(scenario).common == weight
+
+
+def test_where_answers_always_come_it_learns_the_same_with_and_without_seeing():
+    """What it knows of its peers is the same then; where they fail it is not."""
+    tables = {}
+    for perception in ("always", "probability:0.5"):
+        for seen in ("when_asked", "while_learning"):
+            scenario = load_scenario("env1", steps=600, penalty=-100).with_settings(
+                perception=perception, peers_seen=seen
+            )
+            tables[perception, seen] = [
+                dict(one.memory) for one in learn(scenario, "voi", 5)
+            ]
+    asked = tables["always", "when_asked"]
+    saw = tables["always", "while_learning"]
+    for one, other in zip(asked, saw, strict=True):
+        assert one["rho_values"].any() and one["gain"].any()
+        # it asks in every step, or where its policy does
+        assert one.pop("answered").sum() > other.pop("answered").sum() > 0
+        one["updates"] = one["updates"][:, :COORDINATE]
+        other["updates"] = other["updates"][:, :COORDINATE]
+        assert memories_equal(one, other)
+    one, _ = tables["probability:0.5", "when_asked"]
+    other, _ = tables["probability:0.5", "while_learning"]
+    assert len(one["peer_keys"]) < len(other["peer_keys"])
