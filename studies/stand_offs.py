@@ -21,8 +21,8 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import MOVE_TIE
-from sparse_coord_ros.core.learners.rules import epsilon_greedy, greedy
-from sparse_coord_ros.core.learners.voi import Voi
+from sparse_coord_ros.core.learners.rules import greedy
+from sparse_coord_ros.core.learners.voi import Voi, by_policy
 from sparse_coord_ros.core.runs.measures import fails
 
 HORIZON = 1000
@@ -41,10 +41,9 @@ class Impatient(Voi):
     @staticmethod
     def move_after_asking(mind, task, k, step, cell, seen, cells, values):
         """As of `Voi`, but the greedy move is that of Q^C, however long nobody moved."""
-        if task.learning and not task.sees_all:
-            action = epsilon_greedy(mind.q_star[k, cell], task, k, step)
-            if action != COORDINATE:
-                return action
+        action = by_policy(mind.q_star[k, cell], task, k, step)
+        if action != COORDINATE:
+            return action
         return greedy(values, PRIMITIVES, task.keys[k], step, MOVE_TIE)
 
 
