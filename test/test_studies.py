@@ -23,9 +23,9 @@ RUNS = {
         "share of the gap",
     ),
     "known_map.py": (
-        "--lists tuning-eight --learners factored --runs 2 --trials 2 --steps 20 "
+        "--lists tuning-eight --learners voi --runs 2 --trials 2 --steps 20 "
         "--picture few_steps.png",
-        "tuning-eight factored",
+        "tuning-eight voi",
     ),
     "scale.py": (
         "halls:2 --robots 2 --steps 50 --trials 2 --set prior=map",
@@ -34,6 +34,10 @@ RUNS = {
     "shipped.py": (
         "teams --scenarios crowd-4r --teams 2 --steps 20 --trials 2 --config config",
         "best of 2 that learned",
+    ),
+    "stand_offs.py": (
+        "--kinds crossing --robots 4 --buildings 1 --teams 1 --trials 2 --steps 20",
+        "impatient: failed",
     ),
     "unseen.py": (
         "--kinds unseen1-loop-4r --searched 2 --judged 2 --config config",
