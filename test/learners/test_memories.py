@@ -8,7 +8,7 @@ from teams import plain_run
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.learners.memory import check_memory, taught
+from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.registry import learner_of
 
 LEARNERS = ("coop", "indiv", "noncoop", "hysteretic", "voi", "cq")
@@ -66,13 +66,3 @@ def test_tables_of_another_learner_are_refused(learner, other):
     scenario, _, memory = learned(learner)
     with pytest.raises(TablesError, match="tables do not match robot 1 of scenario"):
         check_memory(scenario, learner_of(other), 0, memory)
-
-
-def test_learning_begins_with_values_but_counts_from_0():
-    scenario, rule, memory = learned("voi", penalty=-60)
-    begun = taught(scenario, rule, 0, memory)
-    for name in ("q_star", "u", "gain", "rho_keys", "rho_values"):
-        assert memory[name].any(), name
-        assert begun[name].tobytes() == memory[name].tobytes(), name
-    for name in ("updates", "rho_updates", "tries", "arrivals", "count"):
-        assert memory[name].any() and not begun[name].any(), name
