@@ -22,7 +22,7 @@ KINDS = ("door", "doors", "corridor", "rooms", "loop", "crossing")
 LEAST_GAP = 3.0
 
 
-LEARNERS = ("factored", "coop", "cq", "joint")
+LEARNERS = ("voi", "coop", "cq", "joint")
 INTERACTIONS = ("swap", "block", "block:anywhere")
 
 

@@ -71,7 +71,7 @@ def main() -> None:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--lists", nargs="+", default=["unseen2-pairs"])
-    parser.add_argument("--learners", nargs="+", default=["factored", "coop"])
+    parser.add_argument("--learners", nargs="+", default=["voi", "coop"])
     steps = [2_000, 5_000, 10_000, 100_000]
     parser.add_argument("--steps", type=int, nargs="+", default=steps)
     parser.add_argument("--runs", type=int, default=20)

@@ -58,7 +58,7 @@ def main() -> None:
     )
     parser.add_argument("scenario")
     parser.add_argument("--robots", type=int, default=8, help="of halls")
-    parser.add_argument("--learner", default="factored")
+    parser.add_argument("--learner", default="voi")
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--trials", type=int, default=100)

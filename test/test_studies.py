@@ -17,15 +17,19 @@ RUNS = {
         "--lists swap-pairs --buildings 1 --teams 2 --trials 2 --steps 50",
         "share of the gap",
     ),
+    "fresh.py": (
+        "--rows sixteen --buildings 1 --runs 2 --trials 2 --set steps=20",
+        "| sixteen |",
+    ),
     "group_bound.py": ("env1 --size 2", "env1: 120.556"),
     "interactions.py": (
         "--kinds door --seeds 1 --runs 1 --steps 20",
         "share of the gap",
     ),
     "known_map.py": (
-        "--lists tuning-eight --learners factored --runs 2 --trials 2 --steps 20 "
+        "--lists tuning-eight --learners voi --runs 2 --trials 2 --steps 20 "
         "--picture few_steps.png",
-        "tuning-eight factored",
+        "tuning-eight voi",
     ),
     "scale.py": (
         "halls:2 --robots 2 --steps 50 --trials 2 --set prior=map",
