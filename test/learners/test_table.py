@@ -69,7 +69,7 @@ def visit_all(rows, robots, keys, moves, visit=visit):
     while done < len(keys):
         done += visit(rows, state, robots[done:], keys[done:], moves[done:])
         if state.full[0]:
-            rows = grown(rows, 2 * rows.keys.shape[1])
+            rows = grown(rows, 2 * rows.values.shape[1])
             state.full[0] = False
     return rows
 
@@ -138,8 +138,8 @@ def test_one_that_grew_is_as_one_that_had_room():
     steps = walk(3000, 10**6)
     rows = visit_all(of_team(10**6, FIRST), *steps)
     large = visit_all(of_team(10**6, FIRST, room=5000), *steps)
-    assert rows.keys.shape[1] > 64
-    assert large.keys.shape[1] == 5000
+    assert rows.values.shape[1] > 64
+    assert large.values.shape[1] == 5000
     assert rows.used.min() > 50
     assert rows.used.tolist() == large.used.tolist()
     assert same_tables(rows, large)
@@ -149,7 +149,7 @@ def test_one_that_grew_is_as_one_that_had_room():
 def test_it_is_full_while_the_rows_of_another_time_step_have_room(a_step):
     rows = of_team(10**6, FIRST, a_step)
     state = task()
-    room = rows.keys.shape[1]
+    room = rows.values.shape[1]
     for key in range(room):
         met(rows, state, 1, key)
         if state.full[0]:

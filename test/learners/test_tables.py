@@ -51,6 +51,16 @@ def refusal(call, *arguments):
     return str(error.value)
 
 
+@pytest.mark.parametrize("learner", ["coop", "voi"])
+def test_round_trip_of_a_learner(tmp_path, learner):
+    scenario = load_scenario("env1")
+    rule = learner_of(learner)
+    run = LearningRun(Team(scenario, rule, compiled=False), 1)
+    run.advance(20)
+    save_team(tmp_path, run.memories)
+    assert tables_equal(load_team(tmp_path, scenario, rule), run.tables)
+
+
 def test_team_round_trip(tmp_path, team):
     save_team(tmp_path, memories(team))
     assert [path.name for path in tmp_path.iterdir()] == [TEAM_FILE]

@@ -246,6 +246,13 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     assert [parameter_value_to_python(value) for value in values] == [0.0, 0]
 
 
+def test_a_world_keeps_a_rate_whose_period_is_no_whole_number_of_nanoseconds(bench):
+    world = bench.world(rate=7.0, steps=3)
+    robots = bench.robots()
+    bench.spin_until_done(world, *robots)
+    assert world.lockstep.world.transitions == 3
+
+
 def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
     """An unknown type of a parameter: rclpy raises in its own service."""
     world = bench.world()

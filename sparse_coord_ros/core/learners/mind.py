@@ -129,7 +129,7 @@ def with_room(mind: Any) -> Any:
     changed = {}
     for name, value in mind._asdict().items():
         if isinstance(value, Table):
-            changed[name] = grown(value, 2 * value.keys.shape[1])
+            changed[name] = grown(value, 2 * value.values.shape[1])
     return mind._replace(**changed)
 
 
@@ -141,11 +141,8 @@ def with_views(mind: Any) -> Any:
     changed = {}
     for name, value in mind._asdict().items():
         if isinstance(value, Table):
-            changed[name] = value._replace(
-                keys=viewed(value.keys),
-                used=viewed(value.used),
-                index=viewed(value.index),
-            )
+            used = viewed(value.used)
+            changed[name] = value._replace(used=used, index=viewed(value.index))
     return mind._replace(**changed)
 
 

@@ -18,16 +18,19 @@ FIRST_ROWS = 256
 """Rows for which a table has room at first; it doubles when they are used up."""
 
 
+KEY, ROW = range(2)
+"""Entries of a place in an index."""
+
+
 class Table(NamedTuple):
     """The tables of a team; k is a robot.
 
     Attributes:
         values: the entries [k, row, move], float64.
         updates: how often each of them was updated [k, row, move], int64.
-        keys: the key of each row [k, row], int64.
         used: rows in use [k], int64.
-        index: in the place of a key its row, 0 where a place is free [k, place], int64. The
-            number of places is a power of two, at least twice the number of rows.
+        index: the keys and their rows: KEY and ROW; row 0: the place is free [k, place, 2], int64.
+            The number of places is a power of two, at least twice the number of rows.
         span: the first rows are what rows begin with: row `key // span` is that of a key.
         most: number of possible keys, which are from 0 to `most` - 1.
         a_step: the most rows that a robot adds in a time step.
@@ -35,7 +38,6 @@ class Table(NamedTuple):
 
     values: Any
     updates: Any
-    keys: Any
     used: Any
     index: Any
     span: int
@@ -58,9 +60,8 @@ def table(most: int, first: np.ndarray, a_step: int = 1) -> Table:
     return Table(
         values=values,
         updates=np.zeros((rows, PRIMITIVES), dtype=np.int64),
-        keys=np.zeros(rows, dtype=np.int64),
         used=np.array(len(first)),
-        index=np.zeros(places_for(rows), dtype=np.int64),
+        index=np.zeros((places_for(rows), 2), dtype=np.int64),
         span=most // len(first),
         most=most,
         a_step=a_step,
@@ -81,12 +82,11 @@ def hashed(key: Any) -> Any:
 @jitable
 def place_of(rows: Table, k: int, key: int) -> int:
     """Return the place of a key in robot k's index, or the free place where it belongs."""
-    mask = rows.index.shape[1] - 1
+    index = rows.index
+    mask = index.shape[1] - 1
     place = hashed(key) & mask
-    row = rows.index[k, place]
-    while row != 0 and rows.keys[k, row] != key:
+    while index[k, place, ROW] != 0 and index[k, place, KEY] != key:
         place = (place + 1) & mask
-        row = rows.index[k, place]
     return place
 
 
@@ -99,7 +99,7 @@ def find(rows: Table, k: int, key: int) -> int:
         k: the robot.
         key: the key, such as the number of a joint state.
     """
-    row = rows.index[k, place_of(rows, k, key)]
+    row = rows.index[k, place_of(rows, k, key), ROW]
     return row if row != 0 else key // rows.span
 
 
@@ -117,58 +117,62 @@ def met(rows: Table, task: Any, k: int, key: int) -> int:
         key: as of `find`.
     """
     place = place_of(rows, k, key)
-    row = rows.index[k, place]
+    row = rows.index[k, place, ROW]
     if row != 0:
         return row
     row = rows.used[k]
     begun = key // rows.span
     for b in range(PRIMITIVES):
         rows.values[k, row, b] = rows.values[k, begun, b]
-    rows.keys[k, row] = key
-    rows.index[k, place] = row
+    rows.index[k, place, KEY] = key
+    rows.index[k, place, ROW] = row
     rows.used[k] = row + 1
-    if row + 1 + rows.a_step >= rows.keys.shape[1]:
+    if row + 1 + rows.a_step >= rows.values.shape[1]:
         task.full[0] = True
     return row
 
 
 def grown(rows: Table, needed: int) -> Table:
     """Return a table with room for so many rows of each robot: with copies of the rows."""
-    team, before = rows.keys.shape
+    team, before, _ = rows.values.shape
     larger = Table(
         values=np.zeros((team, needed, PRIMITIVES)),
         updates=np.zeros((team, needed, PRIMITIVES), dtype=np.int64),
-        keys=np.zeros((team, needed), dtype=np.int64),
         used=rows.used,
-        index=np.zeros((team, places_for(needed)), dtype=np.int64),
+        index=np.zeros((team, places_for(needed), 2), dtype=np.int64),
         span=rows.span,
         most=rows.most,
         a_step=rows.a_step,
     )
-    first = rows.most // rows.span
     for k in range(team):
         used = min(int(rows.used[k]), before)
         larger.values[k, :used] = rows.values[k, :used]
         larger.updates[k, :used] = rows.updates[k, :used]
-        larger.keys[k, :used] = rows.keys[k, :used]
-        _index(larger, k, first, used)
+        _enter(larger, k, *_entries(rows, k))
     return larger
 
 
-def _index(rows: Table, k: int, first: int, used: int) -> None:
-    """Enter some rows of robot k, which are not in its index yet.
+def _entries(rows: Table, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the keys that robot k met, and their rows."""
+    index = rows.index[k]
+    met_places = index[index[:, ROW] != 0]
+    return met_places[:, KEY], met_places[:, ROW]
+
+
+def _enter(rows: Table, k: int, keys: np.ndarray, entered: np.ndarray) -> None:
+    """Enter keys and their rows into the index of robot k, which does not have them yet.
 
     All rows go on at once until each has found a free place; of several that meet there one stays.
     """
     index = rows.index[k]
     mask = len(index) - 1
-    keys = rows.keys[k, first:used]
-    entered = np.arange(first, used)
     places = hashed(keys) & mask
     while len(entered):
-        free = index[places] == 0
-        index[places[free]] = entered[free]
-        left = index[places] != entered
+        free = index[places, ROW] == 0
+        index[places[free], ROW] = entered[free]
+        left = index[places, ROW] != entered
+        index[places[~left], KEY] = keys[~left]
+        keys = keys[left]
         entered = entered[left]
         places = (places[left] + 1) & mask
 
@@ -189,23 +193,20 @@ class LearnedRows(NamedTuple):
 
 def learned_rows(rows: Table, k: int) -> LearnedRows:
     """Return the rows of robot k."""
-    met_rows = slice(rows.most // rows.span, int(rows.used[k]))
-    keys = rows.keys[k, met_rows]
+    keys, met_rows = _entries(rows, k)
     order = np.argsort(keys)
-    return LearnedRows(
-        keys[order], rows.values[k, met_rows][order], rows.updates[k, met_rows][order]
-    )
+    chosen = met_rows[order]
+    return LearnedRows(keys[order], rows.values[k, chosen], rows.updates[k, chosen])
 
 
 def with_rows(rows: Table, k: int, learned: LearnedRows) -> Table:
     """Return a table with these rows of robot k, which has none yet; a copy where it must grow."""
     first = rows.most // rows.span
     used = first + len(learned.keys)
-    if used + rows.a_step >= rows.keys.shape[1]:
+    if used + rows.a_step >= rows.values.shape[1]:
         rows = grown(rows, 2 * used + rows.a_step)
-    rows.keys[k, first:used] = learned.keys
     rows.values[k, first:used] = learned.values
     rows.updates[k, first:used] = learned.updates
     rows.used[k] = used
-    _index(rows, k, first, used)
+    _enter(rows, k, learned.keys, np.arange(first, used))
     return rows

@@ -243,7 +243,7 @@ class Voi(Learner):
         if seen == 0:
             copy_moves(mind.q_star[k, cell], values)
             return
-        worst(mind, task, k, cell, cells, ASKS, values)
+        worst(mind.rho, task, k, cell, cells, ASKS, values)
         for b in range(PRIMITIVES):
             values[b] += mind.u[k, cell, b]
 
@@ -303,9 +303,9 @@ def place(task: Task, x: int, j: int, z: int) -> int:
 
 
 @jitable
-def row_of(mind: Any, task: Task, k: int, x: int, j: int, z: int, asks: int) -> int:
+def row_of(rho: Table, task: Task, k: int, x: int, j: int, z: int, asks: int) -> int:
     """Return the row of rho_j or rho0_j."""
-    return find(mind.rho, k, 2 * place(task, x, j, z) + asks)
+    return find(rho, k, 2 * place(task, x, j, z) + asks)
 
 
 # A robot alone.
@@ -329,15 +329,15 @@ def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
 
 
 @jitable
-def is_known(mind: Any, k: int, x: int, b: int) -> bool:
+def is_known(led: int, tries: int) -> bool:
     """Return whether the robot knows where a move leads: it led out, or it is one into a wall."""
-    return bool(mind.led[k, x, b] > 0 or mind.updates[k, x, b] >= WALL)
+    return led > 0 or tries >= WALL
 
 
 @jitable
-def is_wall(mind: Any, k: int, x: int, b: int) -> bool:
-    """Return whether a move is one into a wall."""
-    return bool(mind.led[k, x, b] == 0 and mind.updates[k, x, b] >= WALL)
+def is_wall(led: int, tries: int) -> bool:
+    """Return whether a move is one into a wall: many tries never led out."""
+    return led == 0 and tries >= WALL
 
 
 @jitable
@@ -357,7 +357,7 @@ def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
     """Set U of the moves in a cell by the model of moves: equation (1)."""
     here = task.discount * greatest(mind.u[k, x], PRIMITIVES)
     for b in range(PRIMITIVES):
-        if is_known(mind, k, x, b):
+        if is_known(mind.led[k, x, b], mind.updates[k, x, b]):
             y = int(mind.to[k, x, b])
             there = task.discount * greatest(mind.u[k, y], PRIMITIVES)
             if y == task.goals[k]:
@@ -371,26 +371,26 @@ def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
 
 @jitable
 def worst(
-    mind: Any, task: Task, k: int, x: int, cells: Any, asks: int, values: Any
+    rho: Table, task: Task, k: int, x: int, cells: Any, asks: int, values: Any
 ) -> None:
     """Set min_j rho_j(x, z_j, b), or that of rho0; more than 0 only with one peer."""
     for b in range(PRIMITIVES):
         values[b] = 0.0
     for j in range(task.robots):
         if j != k:
-            row = row_of(mind, task, k, x, j, int(cells[j]), asks)
+            row = row_of(rho, task, k, x, j, int(cells[j]), asks)
             for b in range(PRIMITIVES):
-                value = mind.rho.values[k, row, b]
+                value = rho.values[k, row, b]
                 if task.robots == 2 or value < values[b]:
                     values[b] = value
 
 
 @jitable
-def best_without_asking(mind: Any, k: int, x: int) -> int:
-    """Return m: the best move in x by (3)."""
+def best_without_asking(values: Values) -> int:
+    """Return m: the best move by (3), from a row of Q*."""
     best = 0
     for b in range(1, PRIMITIVES):
-        if mind.q_star[k, x, b] > mind.q_star[k, x, best]:
+        if values[b] > values[best]:
             best = b
     return best
 
@@ -398,22 +398,22 @@ def best_without_asking(mind: Any, k: int, x: int) -> int:
 @jitable
 def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
     """Return V_j(y, z'), by (6)."""
-    m = best_without_asking(mind, k, y)
+    m = best_without_asking(mind.q_star[k, y])
     if mind.q_star[k, y, COORDINATE] > mind.q_star[k, y, m]:
         return value_asking(mind, task, k, j, y, z)
-    row = row_of(mind, task, k, y, j, z, DOES_NOT_ASK)
+    row = row_of(mind.rho, task, k, y, j, z, DOES_NOT_ASK)
     return float(mind.u[k, y, m] + mind.rho.values[k, row, m])
 
 
 @jitable
 def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
     """Return the first line of (6): where percepts fail, by the share that succeeded in y."""
-    row = row_of(mind, task, k, y, j, z, ASKS)
+    row = row_of(mind.rho, task, k, y, j, z, ASKS)
     rho = mind.rho.values[k, row]
     best = mind.u[k, y, 0] + rho[0]
     for b in range(1, PRIMITIVES):
         best = max(best, mind.u[k, y, b] + rho[b])
-    m = best_without_asking(mind, k, y)
+    m = best_without_asking(mind.q_star[k, y])
     share = (mind.answered[k, y] + 1) / (mind.updates[k, y, COORDINATE] + 1)
     best = share * best + (1.0 - share) * (mind.u[k, y, m] + rho[m])
     return float(best - price(task) / (task.robots - 1))
@@ -485,7 +485,7 @@ def learn_from_peer(
     share = (went[0] + went[1] + went[2] + went[3]) / total
     alpha = step_size(task, int(total) + 1, now.step)
     for b in range(PRIMITIVES):
-        if is_known(mind, k, x, b):
+        if is_known(mind.led[k, x, b], mind.updates[k, x, b]):
             out = chance_to_leave(mind, k, x, b, given)
             leaving = 0.0
             if out > 0.0:
@@ -521,7 +521,7 @@ def after_staying(
     if asks == ASKS:
         value = value_asking(mind, task, k, j, x, z_next)
     else:
-        row = row_of(mind, task, k, x, j, z_next, DOES_NOT_ASK)
+        row = row_of(mind.rho, task, k, x, j, z_next, DOES_NOT_ASK)
         value = float(mind.u[k, x, b] + mind.rho.values[k, row, b])
     return float(r + task.discount * value)
 
@@ -571,10 +571,10 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
     mind.arrivals[k, x] = count
     alpha = step_size(task, count, now.step)
     rho = mind.row[k]
-    worst(mind, task, k, x, now.cells, DOES_NOT_ASK, rho)
+    worst(mind.rho, task, k, x, now.cells, DOES_NOT_ASK, rho)
     for b in range(PRIMITIVES):
         mind.gain[k, x, b] = toward(mind.gain[k, x, b], alpha, rho[b])
-    worst(mind, task, k, x, now.cells, ASKS, rho)
+    worst(mind.rho, task, k, x, now.cells, ASKS, rho)
     best = mind.u[k, x, 0] + rho[0]
     for b in range(1, PRIMITIVES):
         best = max(best, mind.u[k, x, b] + rho[b])
@@ -600,7 +600,7 @@ def refresh(mind: Any, task: Task, k: int, x: int) -> None:
     """Set Q*(x, .), by (3) and (4)."""
     for b in range(PRIMITIVES):
         mind.q_star[k, x, b] = mind.u[k, x, b] + mind.gain[k, x, b]
-        if is_wall(mind, k, x, b):
+        if is_wall(mind.led[k, x, b], mind.updates[k, x, b]):
             mind.q_star[k, x, b] = FORBIDDEN
     worth = greatest(mind.u[k, x], PRIMITIVES) + mind.gain[k, x, COORDINATE]
     mind.q_star[k, x, COORDINATE] = worth - price(task)
@@ -625,7 +625,7 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     lowest = 0.0
     for j in range(task.robots):
         if j != k:
-            row = row_of(mind, task, k, x, j, int(cells[j]), ASKS)
+            row = row_of(mind.rho, task, k, x, j, int(cells[j]), ASKS)
             rho = mind.rho.values[k, row, way]
             if in_way < 0 or rho < lowest:
                 in_way = j
@@ -638,6 +638,9 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     for j in range(task.robots):
         stood[1 + j] = cells[j]
     stood[1 + k] = x
+    left = 1.0
+    for _ in range(PATIENCE, count):
+        left *= task.discount
     for b in range(PRIMITIVES):
-        if is_wall(mind, k, x, b) and values[b] > 0.0:
-            values[b] *= task.discount ** max(0, count - PATIENCE)
+        if is_wall(mind.led[k, x, b], mind.updates[k, x, b]) and values[b] > 0.0:
+            values[b] *= left

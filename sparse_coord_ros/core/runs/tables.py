@@ -30,8 +30,8 @@ from sparse_coord_ros.core.learners.tables import Tables
 
 TEAM_FILE = "tables.npz"
 
-COUNT = "count_"
-"""What the names of the numbers beside the tables begin with."""
+COUNT = "count."
+"""What the names of the numbers beside the tables begin with: no field of a mind has a dot."""
 
 REMEDY = "use a file that run or train wrote"
 
@@ -50,7 +50,7 @@ def pack_tables(
 
     Args:
         memories: each robot's memory.
-        counts: numbers to store beside them, as arrays `count_<name>`.
+        counts: numbers to store beside them, as arrays `count.<name>`.
     """
     return npz.pack(saved_arrays(memories, counts=counts))
 

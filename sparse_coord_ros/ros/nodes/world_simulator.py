@@ -80,6 +80,8 @@ class WorldSimulator(ParameterNode):
     restart: Restart
     _output: Output | None = None
     _rate_timer: Timer | None = None
+    # The rate of that timer.
+    _timed_rate = 0.0
     _paused = False
     # One step is to be made in spite of the pause, or is due by the rate.
     _single = False
@@ -326,15 +328,13 @@ class WorldSimulator(ParameterNode):
             self._end_when_finished()
 
     def _keep_the_rate(self) -> None:
-        if self.values["rate"] == 0 or self._paused:
+        rate = self.values["rate"]
+        if rate == 0 or self._paused or rate == self._timed_rate:
             return
-        seconds = 1 / self.values["rate"]
-        timer = self._rate_timer
-        if timer is not None and timer.timer_period_ns == round(1e9 * seconds):
-            return
-        if timer is not None:
-            self.destroy_timer(timer)
-        self._rate_timer = self.create_timer(seconds, self.beat)
+        if self._rate_timer is not None:
+            self.destroy_timer(self._rate_timer)
+        self._rate_timer = self.create_timer(1 / rate, self.beat)
+        self._timed_rate = rate
 
     def beat(self) -> None:
         """The next step is due, by the `rate`; it is made as soon as all actions are there.
