@@ -32,15 +32,11 @@ RESTARTS = 20
 """Of a search for the best asking team."""
 
 FEW_STEPS = {"steps": 2_000}
-HALF = {"perception": "probability:0.5"}
 ROWS = {
     "pairs": (2, 4, 10, {}),
     "pairs, 2,000 steps": (2, 4, 10, FEW_STEPS),
     "pairs, 2,000 steps, map known": (2, 4, 10, FEW_STEPS | {"prior": "map"}),
-    "pairs, half of the questions answered": (2, 2, 10, HALF),
     "swap": (2, 4, 10, {"interactions": "swap"}),
-    "block": (2, 2, 8, {"interactions": "block"}),
-    "block:anywhere": (2, 2, 8, {"interactions": "block:anywhere"}),
     "four": (4, 2, 4, {}),
     "eight": (8, 2, 2, {}),
     "sixteen": (16, 2, 2, {}),
@@ -72,7 +68,7 @@ def buildings(robots: int, number: int, settings):
                 best = unseen.planned(scenario, PLAN)
             if best <= low + CONFLICT:
                 continue
-            if robots == 2 and "block" not in scenario.interactions:
+            if robots == 2:
                 best = sc.find_asking_team(scenario, restarts=RESTARTS, seed=1).value
             found += 1
             yield scenario, low, best
