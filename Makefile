@@ -10,15 +10,15 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check-long reproduce lint types docs coverage dist bench clean
 
-# The same doorway twice: by the paper's learner, and by the factored one. Then both on one page.
+# The same doorway twice: by the paper's learner, and by ours. Then both on one page.
 demo: $(VENV)/runs
 	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
 	@echo
-	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --learner factored --out $(RUN)_factored
+	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --learner voi --out $(RUN)_voi
 	@echo
-	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_factored
+	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_voi
 	@echo
-	@$(BIN)/python -m tools.demo $(RUN) $(RUN)_factored
+	@$(BIN)/python -m tools.demo $(RUN) $(RUN)_voi
 
 test: $(VENV)/tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

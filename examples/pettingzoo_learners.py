@@ -123,7 +123,7 @@ def main(steps=20_000, runs=20, trials=1000):
     ):
         teams = (learn(scenario, asks, seed) for seed in range(runs))
         results[title] = [play(scenario, robots, trials) for robots in teams]
-    for learner in ("noncoop", "coop", "factored"):
+    for learner in ("noncoop", "coop", "voi"):
         many = sc.train_many(scenario, learner, runs=runs, trials=trials)
         frame = sc.by_run(run.measures for run in many).to_pandas()
         results[f"ours: {learner}"] = frame[list(MEASURES)].to_dict("records")

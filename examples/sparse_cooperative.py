@@ -28,7 +28,7 @@ from sparse_coord_ros.core.runs.measures import fails
 REACH = 1
 FIRST_VALUE = 20.0
 MOVES = 4
-LIKE_FACTORED = {
+LIKE_VOI = {
     "epsilon": "linear:0.3:0.02:0.8",
     "starts": "exploring:1:0:0.5",
     "step_size": "floored:0.6:0.1:0.01",
@@ -171,7 +171,7 @@ def play(scenario, found, trials, seed=1):
 
 def main(name="env1", steps=20000, teams=20):
     """Print what teams are worth that learned in so many steps."""
-    settings = {**LIKE_FACTORED, "steps": int(steps)}
+    settings = {**LIKE_VOI, "steps": int(steps)}
     scenario = sc.load_scenario(name, penalty=-100).with_settings(settings)
     returns, arrived = play(scenario, learn(scenario, int(teams)), 1000)
     means = returns.mean(axis=(1, 2))

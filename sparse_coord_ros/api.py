@@ -40,7 +40,6 @@ from sparse_coord_ros.core.learners import rules
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.cq import CQ
-from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import (
     LearnerLike,
@@ -48,6 +47,7 @@ from sparse_coord_ros.core.learners.registry import (
     register_learner,
 )
 from sparse_coord_ros.core.learners.tables import Tables
+from sparse_coord_ros.core.learners.voi import Voi
 from sparse_coord_ros.core.runs import evaluation, run_config
 from sparse_coord_ros.core.runs.history import History, load_history
 from sparse_coord_ros.core.runs.measures import Measures, by_run
@@ -94,7 +94,7 @@ __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verificatio
 __all__ += ["sweep", "experiment_names", "run_experiment", "ConditionResult"]
 __all__ += ["to_pandas", "plot", "benchmark"]
 # The user's own learners and perception models
-__all__ += ["Learner", "Coop", "NonCoop", "Factored", "CQ", "RewardWeights"]
+__all__ += ["Learner", "Coop", "NonCoop", "Voi", "CQ", "RewardWeights"]
 __all__ += ["rules", "register_learner", "register_perception", "perception_model"]
 # Errors
 __all__ += ["SparseCoordError"]
@@ -421,7 +421,7 @@ def sweep(
 
     ::
 
-        swept = sc.sweep("env1", {"penalty": [-1, -10, -100], "learner": ["coop", "factored"]})
+        swept = sc.sweep("env1", {"penalty": [-1, -10, -100], "learner": ["coop", "voi"]})
         frame = sc.to_pandas(swept, by_run=True)
         figure = sc.plot(swept)
 

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.runs.measures import fails
 from sparse_coord_ros.studies.lists import LISTS
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
-from sparse_cooperative import LIKE_FACTORED, learn, play  # noqa: E402
+from sparse_cooperative import LIKE_VOI, learn, play  # noqa: E402
 
 NAMES = ["paper", "unseen2-pairs", "swap-pairs", "block-pairs"]
 """Lists of two robots with sure percepts."""
@@ -47,7 +47,7 @@ def main() -> None:
         items = LISTS[name][: options.buildings]
         for item in items:
             scenario = sc.load_scenario(item.scenario, penalty=-100)
-            settings = {**LIKE_FACTORED, **item.settings, "steps": options.steps}
+            settings = {**LIKE_VOI, **item.settings, "steps": options.steps}
             scenario = scenario.with_settings(settings)
             teams = learn(scenario, options.teams, options.seed)
             returns, arrived = play(scenario, teams, options.trials, options.seed)

@@ -296,6 +296,12 @@ class Recording:
         elif (k, step) not in self.deaf and self.arrives("local_state", k, step):
             for one in (*self.held.pop(k, []), (step, cell)):
                 self.queue.append(lambda one=one: self.robots[k].state(*one))
+        if self.run.sees_all:
+            for j in range(len(self.names)):
+                if j != k:
+                    self.queue.append(
+                        lambda j=j: self.robots[j].peer_state(k, step, cell)
+                    )
 
     def reward(self, k, step, reward):
         """Publish a reward."""

@@ -39,6 +39,10 @@ RUNS = {
         "teams --scenarios crowd-4r --teams 2 --steps 20 --trials 2 --config config",
         "best of 2 that learned",
     ),
+    "stand_offs.py": (
+        "--kinds crossing --robots 4 --buildings 1 --teams 1 --trials 2 --steps 20",
+        "impatient: failed",
+    ),
     "unseen.py": (
         "--kinds unseen1-loop-4r --searched 2 --judged 2 --config config",
         "unseen1-loop-4r-0",

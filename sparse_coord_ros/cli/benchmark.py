@@ -16,9 +16,7 @@ from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.studies.benchmark import TEAM_RUNS, TEAM_TRIALS, benchmark
 from sparse_coord_ros.studies.lists import LISTS, TUNING
 
-EXAMPLE = (
-    "sparse_coord benchmark coop factored --lists tuning-pairs --runs 2 --steps 2000"
-)
+EXAMPLE = "sparse_coord benchmark coop voi --lists tuning-pairs --runs 2 --steps 2000"
 
 
 OPTIONS = (

@@ -282,7 +282,7 @@ class ImportPage(Controlled):
 
     def _learn(self, scenario: Path, board: MessageBoard) -> None:
         """Let a team learn as `train` does, with the learner that needs the fewest steps."""
-        words = ["train", str(scenario), "--learner", "factored"]
+        words = ["train", str(scenario), "--learner", "voi"]
         options = make_parser("train").parse_args(words)
         self._out, run = train.begin(options)
         self._learned = False

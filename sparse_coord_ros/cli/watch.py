@@ -21,9 +21,7 @@ RATE = Setting(
 )
 STEP = Setting("step", int, 0, "start a bag at this time step", low=0, high=2**53)
 
-EXAMPLE = (
-    "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_factored"
-)
+EXAMPLE = "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_voi"
 
 
 OPTIONS = (

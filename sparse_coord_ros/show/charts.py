@@ -49,8 +49,8 @@ BEST_ASKING = "best asking team found"
 REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, SHORTEST)
 """Lines that learners are compared with: columns of the data that `draw_*` take."""
 
-INDIV, NONCOOP, COOP, FACTORED = (
-    learner_of(name).title for name in ("indiv", "noncoop", "coop", "factored")
+INDIV, NONCOOP, COOP, VOI = (
+    learner_of(name).title for name in ("indiv", "noncoop", "coop", "voi")
 )
 
 HOLLOW = {"markerfacecolor": "white"}
@@ -58,7 +58,7 @@ LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
     INDIV: {"color": "#D55E00", "marker": "s", "linestyle": ":"},
     NONCOOP: {"color": "#0072B2", "marker": "^", "linestyle": "--"},
     COOP: {"color": "#009E73", "marker": "o", "linestyle": "-"},
-    FACTORED: {"color": "#CC79A7", "marker": "P", "linestyle": (0, (5, 1))},
+    VOI: {"color": "#CC79A7", "marker": "P", "linestyle": (0, (5, 1))},
 }
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **LEARNER_STYLES,
@@ -101,7 +101,7 @@ NESTED: Mapping[str, Mapping[str, Any]] = {
     INDIV: {"linewidth": 3.6, "markersize": 9.0, "zorder": 2.1},
     NONCOOP: {"linewidth": 2.7, "markersize": 7.5, "zorder": 2.2},
     COOP: {"linewidth": 1.9, "markersize": 5.5, "zorder": 2.3},
-    FACTORED: {"linewidth": 1.0, "markersize": 4.0, "zorder": 2.5},
+    VOI: {"linewidth": 1.0, "markersize": 4.0, "zorder": 2.5},
 }
 """Sizes of joined lines: where lines are equal, each later one lies within the one before.
 

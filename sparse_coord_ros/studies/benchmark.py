@@ -52,7 +52,7 @@ RESAMPLES = 2000
 
 
 def benchmark(
-    learners: "LearnerLike | Iterable[LearnerLike]" = "factored",
+    learners: "LearnerLike | Iterable[LearnerLike]" = "voi",
     *,
     lists: Sequence[str] = TUNING,
     steps: int = 100_000,
@@ -109,7 +109,7 @@ def benchmark(
     many = isinstance(learners, Iterable) and not isinstance(learners, str)
     named: list[Any] = list(learners) if many else [learners]  # type: ignore[arg-type]
     if not named:
-        raise SettingError("benchmark: no learner is given; name one, e.g. 'factored'")
+        raise SettingError("benchmark: no learner is given; name one, e.g. 'voi'")
     names = list(dict.fromkeys(chosen_learner(one).label for one in named))
     SETTINGS.parse(settings)
     fixed = [name for name in settings if name not in CHANGEABLE]

@@ -17,7 +17,7 @@ SMALL = ("env1", "env2-2r", "env2-4r")
 LARGE = ("cit", "cmu", "isr", "mit", "pentagon", "suny")
 """Scenarios of the paper's Table 3."""
 
-REPORTED_LEARNERS = ("indiv", "noncoop", "coop", "factored")
+REPORTED_LEARNERS = ("indiv", "noncoop", "coop", "voi")
 """In the order of the paper's tables; the last one is not the paper's."""
 
 PENALTIES = (0, -0.1, -1, -10, -20, -100)
@@ -100,7 +100,7 @@ def _crowd() -> list[Condition]:
     for name in (f"crowd-{robots}r" for robots in CROWDS):
         found.append(make_condition(name, "noncoop", LONG))
         found += _every([name], {"learner": ["coop"], "peers": PEERS}, LONG)
-        found.append(make_condition(name, "factored", LONG))
+        found.append(make_condition(name, "voi", LONG))
     return found
 
 

@@ -191,12 +191,10 @@ def test_what_is_shown_is_short(scenario, training, tmp_path):
 
 def test_a_learner_keeps_its_defaults_where_the_scenario_is_named_again(tmp_path):
     scenario = sc.load_scenario("crowd-3r", steps=300)
-    training = sc.train(scenario, "factored")
+    training = sc.train(scenario, "voi")
     ours = sc.evaluate(training, trials=20).to_dict()
     assert sc.evaluate(training, scenario=scenario, trials=20).to_dict() == ours
-    tables = sc.evaluate(
-        training.tables, scenario=scenario, learner="factored", trials=20
-    )
+    tables = sc.evaluate(training.tables, scenario=scenario, learner="voi", trials=20)
     assert tables.to_dict() == ours
     assert sc.evaluate(training.save(tmp_path / "saved"), trials=20).to_dict() == ours
 

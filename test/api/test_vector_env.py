@@ -349,7 +349,7 @@ def returns_of(env, tables, episodes):
     return np.concatenate([one[:episodes] for one in found])
 
 
-@pytest.mark.parametrize("learner", ["coop", "factored", "noncoop"])
+@pytest.mark.parametrize("learner", ["coop", "voi", "noncoop"])
 @pytest.mark.parametrize("perception", ["always", "probability:0.5"])
 def test_a_learned_team_is_worth_what_exact_evaluation_says(learner, perception):
     scenario = sc.load_scenario("env1", penalty=-100, perception=perception)

@@ -60,6 +60,6 @@ def test_forms_say_what_they_mean(sparse_coord):
 
 
 def test_a_learner_and_its_own_defaults(sparse_coord):
-    out = sparse_coord("settings", "factored")[1]
+    out = sparse_coord("settings", "voi")[1]
     assert "epsilon=linear:0.3:0.02:0.8" in out
     assert "coop" not in out

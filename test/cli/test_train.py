@@ -244,7 +244,7 @@ def test_a_full_disk_leaves_no_half_of_a_run(refused, full_disk, name):
 
 def test_a_team_that_does_not_fit_into_memory_is_refused(refused, monkeypatch):
     monkeypatch.setattr(mind, "free_memory", lambda: 10_000)
-    error = refused(*SHORT, "--learner", "factored", "--out", "a")
+    error = refused(*SHORT, "--learner", "voi", "--out", "a")
     assert "2 robots remember on 21 cells" in error
 
 

@@ -9,7 +9,7 @@ import pytest
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.engine.batch import prepare
 
-LOOPS = ["coop", "factored"]
+LOOPS = ["coop", "voi"]
 """Learners whose loops several tests use: numba takes seconds for each."""
 
 

@@ -54,7 +54,7 @@ def test_penalties_are_paid_by_their_factors():
 
 CROWDS = {
     "coop": problem("crowd-3r", peers="all", epsilon="constant:1"),
-    "factored": problem("env2-4r", peers="all", epsilon="constant:0.5", max_steps=60),
+    "voi": problem("env2-4r", peers="all", epsilon="constant:0.5", max_steps=60),
 }
 """Teams whose tables get many rows; those of env2-4r leave stand-offs."""
 

@@ -28,7 +28,7 @@ from sparse_coord_ros.core.game.plugins import allowed
 
 CONDITIONS = (
     "env1/coop/penalty=-20,steps=300",
-    "crowd-3r/factored/penalty=-100,steps=200",
+    "crowd-3r/voi/penalty=-100,steps=200",
 )
 PLAN = {"runs": 5, "trials": 3, "seed": 7, "engine": "python"}
 

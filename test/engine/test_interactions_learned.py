@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The factored learner learns to exchange no cells, and to let the other robot out of a lane."""
+"""Learner voi learns to exchange no cells, and to let the other robot out of a lane."""
 
 import numpy as np
 import pytest
@@ -34,5 +34,5 @@ def worth(learner, grid, kind):
     ("grid", "kind"), [(AISLE, "swap"), (LANE, "block"), (LANE, "block:anywhere")]
 )
 def test_it_earns_more_than_robots_that_ignore_each_other(grid, kind):
-    prepare("factored")
-    assert worth("factored", grid, kind) > worth("noncoop", grid, kind) + 5
+    prepare("voi")
+    assert worth("voi", grid, kind) > worth("noncoop", grid, kind) + 5

@@ -41,7 +41,7 @@ def test_its_form(side, sparse):
     assert table.shape == (side * side, side * side, 4)
 
 
-@pytest.mark.parametrize("learner", ["coop", "factored"])
+@pytest.mark.parametrize("learner", ["coop", "voi"])
 def test_the_whole_table_has_the_rows_that_are_read_one_by_one(learner):
     scenario = load_scenario("env1", steps=3000, penalty=-100)
     for one in learn(scenario, learner, 3):
@@ -63,7 +63,7 @@ def test_eight_robots_in_a_large_hall_know_their_way():
     plain = scenario_from_dict({"map": said, "robots": robots}, where="", name="hall")
     settings = {"prior": "map", "discount": 0.998, "perception": "line_of_sight"}
     scenario = plain.with_settings({**settings, "steps": 2000, "horizon": 500})
-    learner = learner_of("factored")
+    learner = learner_of("voi")
     team = Team(learner.with_defaults(scenario), learner, compiled=True)
     run = LearningRun(team, 1)
     run.advance(2000)

@@ -15,7 +15,7 @@ from sparse_coord_ros.core.runs.run_config import load_run, make_run
 FEW = {"steps": 20, "penalty": -100, "perception": "probability:0.6"}
 
 
-@pytest.mark.parametrize("learner", ["coop", "factored"])
+@pytest.mark.parametrize("learner", ["coop", "voi"])
 def test_the_command_makes_the_same_run(learner, tmp_path):
     scenario = load_scenario("env1").with_settings(FEW)
     run = make_run(scenario, {"seed": 7, "learner": learner})

@@ -78,9 +78,9 @@ TEAMS = {
         "noncoop",
         {"interactions": "together:any_doorway"},
     ),
-    "four, factored": (
+    "four, voi": (
         "env2-4r",
-        "factored",
+        "voi",
         {"perception": "range:4", "credit": "weight:2"},
     ),
 }
@@ -88,8 +88,8 @@ TEAMS = {
 KNOWN_MAP = {
     "coop, known map": ("env2-2r", "coop", {}),
     "noncoop, known map": ("env2-2r", "noncoop", {"prior_success": 0.9}),
-    "factored, known map": ("env1", "factored", {"perception": "probability:0.7"}),
-    "four, known map": ("env2-4r", "factored", {}),
+    "voi, known map": ("env1", "voi", {"perception": "probability:0.7"}),
+    "four, known map": ("env2-4r", "voi", {}),
 }
 """Robots that know their map."""
 
@@ -106,7 +106,7 @@ OUTSIDERS = {
 
 INTERACTIONS = {
     "exchanges, coop": ("aisle", "coop", {}),
-    "exchanges, factored": ("aisle", "factored", {"perception": "probability:0.7"}),
+    "exchanges, voi": ("aisle", "voi", {"perception": "probability:0.7"}),
     "exchanges, joint": ("aisle", "joint", {}),
     "a shared cell, cq": (
         "aisle",
@@ -114,14 +114,14 @@ INTERACTIONS = {
         {"interactions": "together:anywhere", "perception": "probability:0.7"},
     ),
     "a lane, coop": ("lane", "coop", {"max_steps": 40}),
-    "a lane, factored": ("lane", "factored", {"max_steps": 40}),
+    "a lane, voi": ("lane", "voi", {"max_steps": 40}),
     "a lane, noncoop": ("lane", "noncoop", {"starts": "mixed:0.5"}),
-    "three kinds, factored": (
+    "three kinds, voi": (
         "lane",
-        "factored",
+        "voi",
         {"interactions": "together:anywhere+swap+block"},
     ),
-    "four, three kinds": ("floor-4r", "factored", {"max_steps": 60}),
+    "four, three kinds": ("floor-4r", "voi", {"max_steps": 60}),
     "four, stopped": ("env2-4r", "coop", {"interactions": "swap+block"}),
 }
 """Robots that exchange cells and stop each other."""
@@ -140,7 +140,7 @@ PEERS_SEEN = {
 SHIPPED = {
     "coop, as shipped": ("env1", "coop"),
     "noncoop, as shipped": ("env1", "noncoop"),
-    "factored, as shipped": ("env2-4r", "factored"),
+    "voi, as shipped": ("env2-4r", "voi"),
     "coop, large map": ("cmu", "coop"),
 }
 """With the settings that nobody chose."""
@@ -149,7 +149,7 @@ SHIPPED = {
 def cases():
     """Return scenario, learner and settings of each case, by its name."""
     found = {}
-    for learner in ("coop", "noncoop", "indiv", "factored", "cq", "joint"):
+    for learner in ("coop", "noncoop", "indiv", "voi", "cq", "joint"):
         for game, (scenario, settings) in GAMES.items():
             if learner != "joint" or game not in FAILING:
                 found[f"{learner}, {game}"] = (scenario, learner, GIVEN | settings)
@@ -299,7 +299,7 @@ def said_of(training):
 
 EVERYWHERE = (plain, compiled, in_pieces, agents)
 SOME = {
-    in_threads: ("coop, few answers", "factored, few answers", "three, all asked"),
+    in_threads: ("coop, few answers", "voi, few answers", "three, all asked"),
     in_processes: ("coop, few answers",),
     trained: ("coop, few answers", "indiv, plain"),
 }
@@ -331,7 +331,7 @@ def test_the_games_show_what_they_are_for():
     run = learned("four, no questions", compiled=True)
     assert run.play(50).miscoordinations.sum() > 0
     for game in GAMES:
-        for learner in ("coop", "factored"):
+        for learner in ("coop", "voi"):
             run = learned(f"{learner}, {game}", compiled=True)
             assert run.asked.sum() > 20
             rows = min(map(rows_in, run.memories))

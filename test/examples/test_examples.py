@@ -177,7 +177,7 @@ def test_pettingzoo_learners(said):
         "OpenSpiel Q-learner, asks",
         "ours: noncoop",
         "ours: coop",
-        "ours: factored",
+        "ours: voi",
     ]
     assert all(line.count("±") == 4 for line in lines[2:-1])
     assert lines[-1] == "best asking team found 118.51, joint optimum 120.56"

@@ -183,10 +183,10 @@ def test_a_map_of_asks_says_its_learner_and_settings():
         "steps": 5000,
         "epsilon": "constant:0.2",
     }
-    result = result_of("env1", "factored", settings)
+    result = result_of("env1", "voi", settings)
     said = [text.get_text() for text in asked_maps([result]).axes[0].texts]
     [title] = [text for text in said if "asks a robot" in text]
-    assert title.startswith("env1, Factored\n")
+    assert title.startswith("env1, Value of information\n")
     assert all(
         f"{name} {value}" in " ".join(title.split()) for name, value in settings.items()
     )

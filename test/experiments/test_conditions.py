@@ -106,7 +106,7 @@ def test_the_paper_s_conditions():
             "indiv",
             "noncoop",
             "coop",
-            "factored",
+            "voi",
         }
         assert {one.scenario.steps for one in conditions} == {steps}
         assert {one.scenario.penalty for one in conditions} == {-20}

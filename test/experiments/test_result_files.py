@@ -155,7 +155,7 @@ def own(tmp_path):
     """Return a scenario of one's own, and results of it in two conditions."""
     (tmp_path / "mine.yaml").write_text(OWN)
     scenario = sc.load_scenario(tmp_path / "mine.yaml")
-    over = {"penalty": [-5, -50], "learner": ["coop", "factored"]}
+    over = {"penalty": [-5, -50], "learner": ["coop", "voi"]}
     found = sc.sweep(scenario, over, out=tmp_path / "r", seed=PLAN.seed, **FEW)
     return tmp_path / "r", found
 

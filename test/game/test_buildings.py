@@ -64,7 +64,7 @@ def test_buildings_that_there_are_not(numbers):
 
 def test_too_many_joint_states_matter_to_who_numbers_them():
     scenario = load_scenario("building-3x2x4-16r-0").with_settings({"peers": "all"})
-    with pytest.raises(SettingError, match="132.16.*factored"):
+    with pytest.raises(SettingError, match="132.16.*voi"):
         learner_of("coop").check(scenario)
-    learner_of("factored").check(scenario)
-    assert untrained(scenario, "factored").q_coord.shape == (132,) * 16 + (4,)
+    learner_of("voi").check(scenario)
+    assert untrained(scenario, "voi").q_coord.shape == (132,) * 16 + (4,)

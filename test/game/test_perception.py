@@ -17,7 +17,6 @@ from sparse_coord_ros.core.game.perception import (
 )
 from sparse_coord_ros.core.game.scenario import scenario_from_dict
 from sparse_coord_ros.core.game.sight import (
-    is_ruled_out,
     probabilities_between,
     probability,
 )
@@ -128,7 +127,7 @@ SPECS = (
 
 @pytest.mark.parametrize("spec", SPECS)
 def test_each_pair_of_each_shipped_map(spec):
-    """A pair's probability is the matrix's, in both orders, and says where no peer can be."""
+    """A pair's probability is the matrix's, in both orders."""
     for name in map_names():
         grid = load_map(name)
         if spec.startswith("range"):
@@ -141,10 +140,6 @@ def test_each_pair_of_each_shipped_map(spec):
         own = range(len(grid.cells))
         found = [[probability(sight, x, z) for z in own] for x in own]
         assert found == expected.tolist() == matrix(spec, grid).tolist()
-        certain = expected == 1.0
-        certain &= ~certain.all(axis=1, keepdims=True)
-        ruled_out = [[is_ruled_out(sight, x, z) for z in own] for x in own]
-        assert ruled_out == certain.tolist()
 
 
 def test_each_pair_of_a_model_of_ones_own():
@@ -155,8 +150,6 @@ def test_each_pair_of_a_model_of_ones_own():
     sight = sight_of(PERCEPTION.parse("slope_of_tests"), grid)
     assert probability(sight, 3, 5) == table[3, 5]
     assert (matrix("slope_of_tests", grid) == table).all()
-    assert is_ruled_out(sight, 20, 20)
-    assert not is_ruled_out(sight, 20, 19)
 
 
 def hall(rows, columns):

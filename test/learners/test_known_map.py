@@ -4,30 +4,24 @@
 
 import numpy as np
 import pytest
-from teams import drawn
 
-from sparse_coord_ros.base.errors import SettingError, TablesError
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
-from sparse_coord_ros.core.learners.learner import (
-    LARGE_MAP,
-    MAP_SAMPLES,
-    REPLAYS,
-    replays_of,
-)
 from sparse_coord_ros.core.learners.lone import lone_values
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.voi import MAP_TRIES
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 
-BLENDS = ("coop", "noncoop", "indiv", "factored")
+BLENDS = ("coop", "noncoop", "indiv", "voi")
 """Learners that can begin without the map, too."""
 
 
-def known(name="env1", learner="factored", **settings):
+def known(name="env1", learner="voi", **settings):
     """Return a scenario, with the learner's defaults, in which robots know their map."""
     chosen = load_scenario(name).with_settings({"prior": "map", **settings})
     return learner_of(learner).with_defaults(chosen)
@@ -109,13 +103,13 @@ def test_moves_succeed_as_often_as_the_prior_says():
     same = known(move_success=0.95)
     assert given.known_success == 0.95
     assert lone_values(given, 0).tobytes() == lone_values(same, 0).tobytes()
-    moved = learner_of("factored").begun(given, 0).moved
-    assert set(np.unique(moved)) == {0, round(0.95 * MAP_SAMPLES)}
+    led = learner_of("voi").begun(given, 0).led
+    assert set(np.unique(led)) == {0, round(0.95 * MAP_TRIES)}
 
 
 def test_moves_that_hardly_ever_succeed_lead_somewhere_in_the_model_too():
     scenario = known(prior_success=0.001, steps=50)
-    learner = learner_of("factored")
+    learner = learner_of("voi")
     run = LearningRun(Team(scenario, learner, compiled=False), 1)
     run.advance(50)
     for k, memory in enumerate(run.memories):
@@ -139,7 +133,7 @@ def test_initial_values_have_no_meaning_beside_the_map(name):
 
 def test_a_success_of_the_prior_has_no_meaning_without_the_map():
     chosen = load_scenario("env1").with_settings({"prior_success": 0.9})
-    for name in ("coop", "noncoop", "indiv", "factored"):
+    for name in ("coop", "noncoop", "indiv", "voi"):
         rule = learner_of(name)
         with pytest.raises(SettingError, match="prior_success: value is 0.9"):
             rule.check(rule.with_defaults(chosen))
@@ -151,43 +145,16 @@ def test_a_success_of_the_prior_has_no_meaning_without_the_map():
         assert (scenario.prior, scenario.known_success) == ("map", 0.9)
 
 
-@pytest.mark.parametrize("steps", [0, 300])
-def test_tables_of_another_prior_are_refused_by_the_names_of_both(steps):
-    rule = learner_of("factored")
-    of = {
-        prior: load_scenario("env1").with_settings({"prior": prior, "steps": 300})
-        for prior in ("none", "map")
-    }
-    for prior, other in (("none", "map"), ("map", "none")):
-        run = LearningRun(Team(of[prior], rule, compiled=False), 1)
-        run.advance(steps)
-        memory = run.memories[0]
-        check_memory(of[prior], rule, 0, memory)
-        words = f"prior={prior}, this scenario has prior={other}; set prior={prior}"
-        with pytest.raises(TablesError, match=words):
-            check_memory(of[other], rule, 0, memory)
-
-
-def test_replays_grow_with_the_map():
-    small = load_scenario("cmu")
-    side = int(LARGE_MAP**0.5) + 1
-    hall = "\n".join("." * side for _ in range(side))
-    robots = {"robot_1": ([0, 0], [5, 5]), "robot_2": ([5, 5], [0, 0])}
-    assert replays_of(small) == 1
-    assert replays_of(small.with_settings({"prior": "map"})) == REPLAYS
-    assert replays_of(drawn(hall, robots)) == REPLAYS
-
-
 def test_two_thousand_steps_are_enough_for_robots_that_know_their_map():
     """In cmu robots without the map do not arrive so soon; 22.6 (0.5) was measured with it."""
     rewards = {}
     for prior in ("none", "map"):
-        scenario = learner_of("factored").with_defaults(
+        scenario = learner_of("voi").with_defaults(
             load_scenario("cmu").with_settings(
                 {"prior": prior, "steps": 2000, "penalty": -100}
             )
         )
-        runs = run_batch(scenario, "factored", range(2), trials=20, engine="python")
+        runs = run_batch(scenario, "voi", range(2), trials=20, engine="python")
         rewards[prior] = np.mean([run.measures.mean("returns") for run in runs])
     assert rewards["none"] < 5.0
     assert rewards["map"] > 15.0

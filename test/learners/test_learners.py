@@ -44,12 +44,12 @@ class Eager(Coop):
     defaults = {"epsilon": "constant:0.5", "steps": 123}
 
 
-def test_the_papers_three_and_the_factored_one():
+def test_the_papers_three_and_ours():
     expected = {
         "coop": ("Coop.", True, False),
         "noncoop": ("Non-coop.", False, False),
         "indiv": ("Indiv.", False, True),
-        "factored": ("Factored", True, False),
+        "voi": ("Value of information", True, False),
     }
     # tests register others
     shipped = {name: LEARNERS.registered[name] for name in expected}

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.learners.registry import learner_of
 
-LEARNERS = ("coop", "indiv", "noncoop", "hysteretic", "factored", "cq")
+LEARNERS = ("coop", "indiv", "noncoop", "hysteretic", "voi", "cq")
 
 
 def learned(learner, name="env1", **settings):

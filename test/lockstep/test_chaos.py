@@ -103,7 +103,7 @@ FAULT = st.one_of(
 )
 PLAN = {
     "number": st.sampled_from([0, 0, 1, 2]),
-    "learner": st.sampled_from(["coop", "coop", "noncoop", "factored"]),
+    "learner": st.sampled_from(["coop", "coop", "noncoop", "voi"]),
     "seed": st.integers(0, 10**6),
     "checkpoint": st.integers(1, 40),
     "doubled": st.sampled_from([0.0, 0.3]),
@@ -113,7 +113,7 @@ PLAN = {
 
 
 def one_run(number, learner, seed, faults, **network):
-    learner = "coop" if number == 1 and learner == "factored" else learner
+    learner = "coop" if number == 1 and learner == "voi" else learner
     team = Team(problem(number), seed, learner=learner, **network)
     try:
         team.play(faults)

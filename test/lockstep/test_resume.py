@@ -25,7 +25,7 @@ from .team import WORLD, Team
 CASES = [
     ("crowd-3r", "coop", {"perception": "probability:0.7", "peers": "all"}),
     ("env2-4r", "noncoop", {}),
-    ("env1", "factored", {"perception": "line_of_sight"}),
+    ("env1", "voi", {"perception": "line_of_sight"}),
     ("env1", "cq", {}),
     ("env1", "joint", {}),
     (

@@ -44,7 +44,7 @@ ASKED = {
     "penalty": -60,
     "q_coord_init": 20,
 }
-"""Settings with which factored robots are asked often."""
+"""Settings with which robots of voi are asked often."""
 
 SEEN = {"peers_seen": "while_learning"}
 
@@ -59,8 +59,8 @@ CASES = [
     pytest.param("crowd-3r", "coop", {"peers": "all"}, 0.4, id="all are asked"),
     pytest.param("env1", "joint", {"perception": "always"}, 0.2, id="joint"),
     pytest.param("crowd-3r", "coop", {"peers": "all", **SEEN}, 0.4, id="peers seen"),
-    pytest.param("env1", "factored", {"steps": 600, **ASKED}, 0.2, id="factored"),
-    pytest.param("env2-4r", "factored", ASKED, 0.0, id="factored, four"),
+    pytest.param("env1", "voi", {"steps": 600, **ASKED}, 0.2, id="voi"),
+    pytest.param("env2-4r", "voi", ASKED, 0.0, id="voi, four"),
 ]
 """Each learner that runs live, and the share of messages that come twice."""
 
@@ -86,9 +86,9 @@ def test_any_order_gives_the_same_bits(name, learner, settings, doubled, shuffle
 
 
 def test_the_cases_show_what_they_are_for():
-    """A factored robot learns from peers' questions; a peer that is behind is asked again."""
-    scenario = learner_of("factored").with_defaults(problem("env1", steps=600, **ASKED))
-    learned = learn(scenario, "factored", 5)
+    """A robot learns from peers' questions; a peer that is behind is asked again."""
+    scenario = learner_of("voi").with_defaults(problem("env1", steps=600, **ASKED))
+    learned = learn(scenario, "voi", 5)
     assert any(len(tables.memory["rho_keys"]) for tables in learned)
     asking = problem("env1", steps=300, perception="probability:0.7")
     assert sum(asks(played(asking, 0), "repeated")) > 0

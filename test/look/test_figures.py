@@ -90,10 +90,10 @@ def test_the_panels_fill_the_canvas(trained):
 
 
 SHAPES = {
-    "wide": ("factored", [".....#.....", ".....D.....", ".....#....."]),
+    "wide": ("voi", [".....#.....", ".....D.....", ".....#....."]),
     "very wide": ("coop", ["." * 20 + sign + "." * 19 for sign in "#D#"]),
     "tall": ("coop", [*["..."] * 5, "#D#", *["..."] * 5]),
-    "very tall": ("factored", [*["..."] * 20, "#D#", *["..."] * 19]),
+    "very tall": ("voi", [*["..."] * 20, "#D#", *["..."] * 19]),
 }
 
 
@@ -199,14 +199,14 @@ def test_the_pictures_of_results(results, tmp_path):
 
 
 def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys):
-    """Not of the last file by its name: that is penalty 0, where Factored asks nothing."""
+    """Not of the last file by its name: that is penalty 0, where a team asks nothing."""
     asked = {
         ("coop", 0): 0.9,
         ("coop", -10): 0.7,
         ("coop", -100): 0.2,
-        ("factored", -100): 0.8,
-        ("factored", -10): 0.6,
-        ("factored", 0): 0.0,
+        ("voi", -100): 0.8,
+        ("voi", -10): 0.6,
+        ("voi", 0): 0.0,
     }
     with open_results(tmp_path / "r", PLAN) as opened:
         for (learner, penalty), asks in asked.items():
@@ -216,11 +216,10 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
     command = ["plot", str(tmp_path / "r"), "--what", "asks", "--out", str(out)]
     assert main(command) == 0
     assert (
-        "asks: env1/factored/penalty=-100, where robots ask most"
-        in capsys.readouterr().err
+        "asks: env1/voi/penalty=-100, where robots ask most" in capsys.readouterr().err
     )
     [axes, _] = results_figure(tmp_path / "r", "asks")[1].axes
-    assert "env1, Factored\npenalty -100\n0.800 asks a robot" in [
+    assert "env1, Value of information\npenalty -100\n0.800 asks a robot" in [
         t.get_text() for t in axes.texts
     ]
 

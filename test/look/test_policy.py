@@ -35,16 +35,16 @@ def test_greedy_moves_and_asks():
 
 def test_a_robot_that_knows_its_map_has_learned_where_it_was():
     """It has greedy moves everywhere, and a greedy robot can go on where it never was."""
-    scenario = learner_of("factored").with_defaults(
+    scenario = learner_of("voi").with_defaults(
         ENV1.with_settings(prior="map", steps=40)
     )
-    begun = untrained(scenario, "factored")
+    begun = untrained(scenario, "voi")
     goal = scenario.robots[0].goal
     policy = policy_of(begun, goal)
     assert not policy.learned.any()
     assert policy.moves.any(axis=1).sum() == len(policy.moves) - 1
     assert goal in entered(policy, scenario.map, scenario.robots[0].start)
-    after = learn(scenario, "factored", 1)[0]
+    after = learn(scenario, "voi", 1)[0]
     policy = policy_of(after, goal)
     assert 3 < policy.learned.sum() < 20
     assert policy.learned.tolist() == after.memory["updates"].any(axis=1).tolist()
@@ -52,16 +52,16 @@ def test_a_robot_that_knows_its_map_has_learned_where_it_was():
 
 def at_a_tie():
     """Return a scenario in which asking is free and brings nothing, and a team that knows it."""
-    scenario = learner_of("factored").with_defaults(
+    scenario = learner_of("voi").with_defaults(
         ENV1.with_settings(ask_cost=0, penalty=0, steps=2000)
     )
-    return scenario, learn(scenario, "factored", 1)
+    return scenario, learn(scenario, "voi", 1)
 
 
 def test_pictures_and_the_map_topic_agree_on_who_asks_where():
     """At a tie a robot asks at times, and none of them says that it asks."""
     scenario, tables = at_a_tie()
-    frame = Frame(make_run(scenario, {"learner": "factored"}))
+    frame = Frame(make_run(scenario, {"learner": "voi"}))
     ties = 0
     for robot, table in zip(scenario.robots, tables, strict=True):
         policy = policy_of(table, robot.goal)
@@ -73,8 +73,8 @@ def test_pictures_and_the_map_topic_agree_on_who_asks_where():
         here = np.arange(len(published)) != robot.goal
         np.testing.assert_array_equal(policy.asks[here], published[here])
         ties += (policy.may_ask & ~policy.asks).sum()
-    assert ties > 20
-    assert evaluate_exact(scenario, tables, learner="factored").mean("asks") > 0
+    assert ties > 5
+    assert evaluate_exact(scenario, tables, learner="voi").mean("asks") > 0
 
 
 def test_a_robot_may_enter_what_lies_behind_a_tie():
@@ -98,7 +98,7 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 
 @pytest.mark.parametrize(
     ("name", "learner", "peers"),
-    [("env1", "coop", "one"), ("env1", "factored", "one"), ("crowd-3r", "factored", "all"),
+    [("env1", "coop", "one"), ("env1", "voi", "one"), ("crowd-3r", "voi", "all"),
      ("crowd-3r", "coop", "all")],
 )  # fmt: skip
 def test_the_row_that_decides_after_a_question(name, learner, peers):

@@ -30,7 +30,7 @@ def test_all_arrive(tmp_path, hall, robots):
     done = import_map(plan, cell=0.5, radius=0.2, robots=pairs)
     assert done.grid.doorway_count >= 2
     scenario, *_ = scenario_of(done, pairs, {})
-    learner = learner_of("factored")
+    learner = learner_of("voi")
     scenario = learner.with_defaults(scenario)
     training = train(scenario, learner, 1)
     found = evaluate_best(

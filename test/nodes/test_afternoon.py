@@ -36,7 +36,7 @@ def test_a_team_that_knows_its_map_learns_while_it_drives(bench, tmp_path):
     out = tmp_path / "out"
     world = bench.world(
         scenario=str(scenario),
-        learner="factored",
+        learner="voi",
         bodies=True,
         slips=False,
         seed=1,

@@ -52,7 +52,7 @@ GAMES = {
         {"record": True, "namespace": "team_a"},
     ),
     "noncoop": ("env1", {"steps": 150}, {"record": False}),
-    "factored": (
+    "voi": (
         "env2-4r",
         {
             "steps": 120,
@@ -175,9 +175,9 @@ def test_the_games_show_what_they_are_for(played):
     seen = [peers for _, peers in coop.percepts.values()]
     assert min(seen.count(None), len(seen) - seen.count(None)) > 5
     assert {len(peers) for peers in seen if peers} == {2}
-    *_, factored, _ = played("factored")
-    assert factored.percepts
-    assert any(len(tables.memory["rho_keys"]) for tables in factored.tables)
+    *_, voi, _ = played("voi")
+    assert voi.percepts
+    assert any(len(tables.memory["rho_keys"]) for tables in voi.tables)
     *_, hysteretic, _ = played("hysteretic")
     common = {reward.common for reward in hysteretic.rewards.values()}
     assert common == {0.0, -20.0}

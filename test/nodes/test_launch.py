@@ -293,7 +293,7 @@ def test_the_arguments_show_their_real_defaults(shown):
     for said in (team, bodies, lab):
         learner = said["learner"][1].partition("(allowed: ")[2]
         names = learner.partition(", or one of your own")[0].split(", ")
-        assert {"coop", "noncoop", "factored"} <= set(names)
+        assert {"coop", "noncoop", "voi"} <= set(names)
         assert "indiv" not in names, "it cannot run live"
 
 

@@ -685,7 +685,7 @@ PALE = """() => {
 def two(record):
     """Return the bags of two runs."""
     found = []
-    for learner in ("coop", "factored"):
+    for learner in ("coop", "voi"):
         values = {"seed": 2, "learner": learner}
         settings = {"steps": 1500, "penalty": -100}
         found.append(str(record(settings=settings, values=values).bag))

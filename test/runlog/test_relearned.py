@@ -12,9 +12,7 @@ from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.frame import Frame
 
 
-@pytest.fixture(
-    params=["coop", "factored", Traces()], ids=["coop", "factored", "traces"]
-)
+@pytest.fixture(params=["coop", "voi", Traces()], ids=["coop", "voi", "traces"])
 def bag(record, request):
     settings = {"steps": 800, "perception": "probability:0.6", "max_steps": 40}
     values = {"checkpoint": 250, "learner": request.param}
@@ -50,7 +48,7 @@ def test_tables_of_any_step_are_those_of_train_stopped_there(bag, monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("learner", ["coop", "factored"])
+@pytest.mark.parametrize("learner", ["coop", "voi"])
 @pytest.mark.parametrize("kept", [1, 10**9])
 def test_tables_of_50_random_steps(record, monkeypatch, learner, kept):
     monkeypatch.setattr(relearned, "MOST_BYTES", kept)

@@ -229,7 +229,7 @@ def test_a_learner_of_ones_own_is_evaluated_as_it_chooses():
     [
         (
             "env1",
-            "factored",
+            "voi",
             {
                 "perception": "probability:0.6",
                 "common_reward": "each:1:0.5",

@@ -67,7 +67,7 @@ def test_it_states_reward_share_and_loss():
 
 @pytest.mark.parametrize(
     ("learner", "advice"),
-    [("coop", "Try --learner factored."), ("factored", "Try more steps.")],
+    [("coop", "Try --learner voi."), ("voi", "Try more steps.")],
 )
 def test_what_to_try(learner, advice):
     """Coop. settles on not asking: more steps do not help it."""
@@ -89,7 +89,7 @@ def test_robots_that_cannot_ask_have_not_learned_to_coordinate(learner):
         "ignore each other 92.60, the best asking team found 118.51. Coordination will pay: "
         "a robot alone in the world earns 126.45; robots that ignore each other lose 33.86 of it "
         "each; a team can win back 27.96 of that, as much as 28.0 questions cost. "
-        "Try --learner factored."
+        "Try --learner voi."
     )
 
 
@@ -105,7 +105,7 @@ def test_robots_that_do_not_ask_have_not_learned_to_coordinate(asks, kind):
     [{"perception": "never"}, {"perception": "probability:0"}],
     ids=str,
 )
-@pytest.mark.parametrize("learner", ["coop", "noncoop", "factored"])
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "voi"])
 def test_where_no_percept_can_succeed_asking_is_no_advice(setting, learner):
     scenario = load_scenario("env1", penalty=-100, **setting)
     for value, kind in ((80.0, WORSE), (93.0, IN_VAIN), (117.0, IN_VAIN)):
@@ -169,7 +169,7 @@ def test_a_team_that_does_not_arrive_has_learned_nothing():
     scenario = load_scenario("env1")
     found = verdict(scenario, [untrained(scenario)] * 2)
     assert found.kind == LOST and found.text.endswith(
-        "Try more steps, or --learner factored."
+        "Try more steps, or --learner voi."
     )
 
 

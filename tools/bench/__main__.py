@@ -38,7 +38,7 @@ class Figure(NamedTuple):
     compiles: bool = False
 
 
-FURTHER = ("cq", "hysteretic", "factored", "joint", "indiv", "noncoop")
+FURTHER = ("cq", "hysteretic", "voi", "joint", "indiv", "noncoop")
 FIGURES = {
     "compiling": (
         Figure("compile coop first, s", ("compiling", "coop"), compiles=True),
@@ -51,11 +51,11 @@ FIGURES = {
     ),
     "engine": (
         Figure("coop, M agent-steps/s", ("engine", "coop")),
-        Figure("factored, M agent-steps/s", ("engine", "factored")),
+        Figure("voi, M agent-steps/s", ("engine", "voi")),
     ),
     "plain": (
         Figure("coop, plain Python, us a step", ("plain", "coop")),
-        Figure("factored, plain Python, us a step", ("plain", "factored")),
+        Figure("voi, plain Python, us a step", ("plain", "voi")),
     ),
     "live": (
         Figure("live, one process, steps/s", ("live", "--no-record")),
@@ -64,7 +64,7 @@ FIGURES = {
         Figure("live, processes, recorded, steps/s", ("live", "--processes")),
     ),
     "scaling": tuple(
-        Figure(f"factored, {robots} robots on 257 cells, s", ("scaling", robots))
+        Figure(f"voi, {robots} robots on 257 cells, s", ("scaling", robots))
         for robots in ("4", "8", "16", "32")
     ),
     "environments": (

@@ -87,11 +87,11 @@ def live(*options: str, steps: int = 10_000) -> float:
 
 
 def scaling(robots: str) -> float:
-    """Return the processor seconds of a run of factored in a building, when all is compiled."""
+    """Return the processor seconds of a run of voi in a building, when all is compiled."""
     building = sc.load_scenario(BUILDING.format(robots=robots))
-    sc.train(building, "factored", engine="numba")
+    sc.train(building, "voi", engine="numba")
     started = time.process_time()
-    sc.train(building, "factored", engine="numba")
+    sc.train(building, "voi", engine="numba")
     return time.process_time() - started
 
 

@@ -21,7 +21,7 @@ from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.learners.learner import Learner, replays_of
+from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import (
     LearnerLike,
     chosen_learner,
@@ -43,9 +43,6 @@ WORTH_COMPILING = 500_000
 WORTH_LOADING = 100_000
 """Agent-steps that plain Python makes while numba compiles, or is imported and finds the compiled
 loops on disk: a shorter run is quicker without."""
-
-SLOWED_BY_REPLAYS = 3
-"""So many times longer plain Python takes for a step of a learner that replays several moves."""
 
 FIRST_PART = 1000
 """Transitions learned at first between two looks at the clock and at signals."""
@@ -103,8 +100,6 @@ def pays_to_compile(scenario: Scenario, learner: Learner) -> bool:
     """Return whether plain Python takes longer for a run than numba takes to begin."""
     kept = batch.is_prepared(learner=learner)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
-    if replays_of(scenario) > 1:
-        needed //= SLOWED_BY_REPLAYS
     return scenario.steps * len(scenario.robots) >= needed
 
 

@@ -36,12 +36,11 @@ begins with an exploring start, and in which cell."""
     MOVE_TIE,
     BLIND_EXPLORE,
     BLIND_ACTION,
-    LEAVE,
     REPLAY,
-) = range(9)
+) = range(8)
 """Columns of ROBOT: which peer to perceive; whether to explore, and which action; the tie draw of
 pi_epsilon's greedy choice, and that of pi_g (Algorithm 1, lines 7 and 9); whether the move that
-COORDINATE becomes is explored, and which; whether to leave a stand-off; what to replay."""
+COORDINATE becomes is explored, and which; what to replay."""
 
 FREE = 16
 """Columns of ROBOT from here on are for a learner of one's own."""

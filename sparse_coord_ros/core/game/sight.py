@@ -16,9 +16,6 @@ from sparse_coord_ros.core.game.grid import GridMap
 CONSTANT, RANGE, LINE_OF_SIGHT, TABLE = range(4)
 """Kinds of `Sight`."""
 
-NOT_LOOKED, YES, NO = range(3)
-"""Entries of `Sight.everywhere`."""
-
 
 class Sight(NamedTuple):
     """A perception model on a map; x is the cell of the robot that asks, z its peer's.
@@ -30,8 +27,6 @@ class Sight(NamedTuple):
         places: of RANGE and LINE_OF_SIGHT the row and the column of each cell [x, 2].
         free: of LINE_OF_SIGHT whether a square of the grid is no wall [row, column].
         table: of TABLE the probabilities [x, z].
-        everywhere: whether a percept always succeeds, wherever the peer is [x]; `NOT_LOOKED`
-            until first needed.
     """
 
     kind: int
@@ -40,7 +35,6 @@ class Sight(NamedTuple):
     places: Any
     free: Any
     table: Any
-    everywhere: Any
 
 
 BLIND = Sight(
@@ -50,9 +44,8 @@ BLIND = Sight(
     places=np.zeros((0, 2), dtype=np.int64),
     free=np.zeros((0, 0), dtype=np.bool_),
     table=np.zeros((0, 0)),
-    everywhere=np.zeros(0, dtype=np.int8),
 )
-"""That of percepts that never succeed, and of robots that do not ask where a peer cannot be."""
+"""That of percepts that never succeed."""
 
 
 # Models.
@@ -88,8 +81,7 @@ def tabled(grid: GridMap, table: np.ndarray) -> Sight:
 
 
 def _on(grid: GridMap, kind: int, **more: Any) -> Sight:
-    everywhere = np.full(len(grid.cells), NOT_LOOKED, dtype=np.int8)
-    return BLIND._replace(kind=kind, everywhere=everywhere, **more)
+    return BLIND._replace(kind=kind, **more)
 
 
 # Pairs of cells.
@@ -153,29 +145,6 @@ def is_in_sight(free: Any, row: int, column: int, rows: int, columns: int) -> bo
         if not free[row, column]:
             return False
     return True
-
-
-@jitable
-def is_ruled_out(sight: Sight, x: int, z: int) -> bool:
-    """Return whether a failed percept from cell x proves that the peer is not in cell z.
-
-    It does if a peer in z would surely be perceived. It proves nothing if a percept in x always
-    succeeds: it then failed for another reason.
-    """
-    if probability(sight, x, z) < 1.0:
-        return False
-    if sight.everywhere[x] == NOT_LOOKED:
-        sight.everywhere[x] = _looked_around(sight, x)
-    return bool(sight.everywhere[x] == NO)
-
-
-@jitable
-def _looked_around(sight: Sight, x: int) -> int:
-    """Return `Sight.everywhere` of a cell."""
-    for z in range(len(sight.everywhere)):
-        if probability(sight, x, z) < 1.0:
-            return NO
-    return YES
 
 
 # All pairs.

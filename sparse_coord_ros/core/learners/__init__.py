@@ -1,6 +1,3 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learners: one file for each algorithm, and the modules that they share.
-
-The parts of `factored`: `own_moves`, `corrections`, `looking_back`.
-"""
+"""Learners: one file for each algorithm, and the modules that they share."""

@@ -105,6 +105,7 @@ class Agent:
         task: its team's task.
         mind: its team's mind, of which it uses its own part.
         peers: the other robots, in ascending order.
+        values_at_last: the values by which its last COORDINATE chose a move.
     """
 
     def __init__(
@@ -124,6 +125,7 @@ class Agent:
         self.learning = learning
         self.goal = scenario.robots[number].goal
         self.peers = tuple(k for k in range(len(scenario.robots)) if k != number)
+        self.values_at_last = [0.0] * PRIMITIVES
         task = learner.task(scenario, seed, phase, learning=learning)
         self.task = viewed(task)
         self.go_on_from(memory)
@@ -179,6 +181,7 @@ class Agent:
             self.mind, self.task, k, step, cell, seen, cells, values
         )
         check_action(move, PRIMITIVES)
+        self.values_at_last = values
         return action_of(decision, move, perceived=perceived is not None)
 
     def learn(

@@ -67,7 +67,7 @@ class Coop(Learner):
             raise SettingError(
                 "setting peers: value is 'all', allowed with this learner below 2^63 joint "
                 f"states; scenario {scenario.name} has {cells}^{scenario.perceived}; use 'one', "
-                "fewer robots, or learner factored"
+                "fewer robots, or learner voi"
             )
 
     @staticmethod

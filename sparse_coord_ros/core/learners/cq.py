@@ -96,7 +96,7 @@ class CQ(Learner):
         if is_sparse(len(scenario.map.cells), 2):
             raise SettingError(
                 f"learner {self.label}: scenario {scenario.name} has {len(scenario.map.cells)} "
-                "cells, allowed: 724; use a smaller map, or learner coop or factored"
+                "cells, allowed: 724; use a smaller map, or learner coop or voi"
             )
 
     def rows_of_a_cell(self, scenario: Scenario) -> int:

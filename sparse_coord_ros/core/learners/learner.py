@@ -23,8 +23,6 @@ from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.base.errors import SettingError, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
-from sparse_coord_ros.core.game.interactions import interactions_of
-from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
 from sparse_coord_ros.core.game.scenario import (
     INITIAL_VALUES,
@@ -33,10 +31,8 @@ from sparse_coord_ros.core.game.scenario import (
     Scenario,
 )
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
-from sparse_coord_ros.core.game.sight import BLIND
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.lone import known_q_star
-from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.learners.rules import (
     Task,
     Transition,
@@ -92,28 +88,6 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "weights": _checked_weights,
 }
 """The methods of a learner of one's own that are checked."""
-
-
-MAP_SAMPLES = 20
-"""For how many samples of each move the map counts in a robot's model of where moves lead."""
-
-REPLAYS = 8
-"""Replays of each step where the map is known, or large."""
-
-LARGE_MAP = 1000
-"""Cells from which on one replay of each step is too little to bring values over a long way."""
-
-
-def map_samples(scenario: Scenario) -> int:
-    """Return `Task.map_samples`."""
-    return MAP_SAMPLES if scenario.prior == "map" else 0
-
-
-def replays_of(scenario: Scenario) -> int:
-    """Return `Task.replays`."""
-    if scenario.prior == "map" or len(scenario.map.cells) >= LARGE_MAP:
-        return REPLAYS
-    return 1
 
 
 def check_attributes(learner: "Learner") -> None:
@@ -188,7 +162,6 @@ class Learner:
             Such a learner cannot run live.
         partners: whether it uses the peers with which a robot interacted
             (`Transition.partners`).
-        rules_out: whether it uses `Task.sight` to rule out cells of a peer after a failed percept.
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
         defaults: values of scenario settings that neither the scenario nor the user chose;
             `run.yaml` records each value used.
@@ -196,8 +169,7 @@ class Learner:
             needs. `initial` returns that of one robot; the arrays of a team have the robot as
             their first axis.
         values: fields with learned values, without counts; another run can begin with them.
-        given: fields that `initial` computes again; files and logs leave them out.
-        scratch: fields without meaning between two calls; likewise left out.
+        scratch: fields without meaning between two calls; files and logs leave them out.
         entry_point: its name as an entry point of an installed package, or None. The registry
         sets it.
     """
@@ -208,12 +180,10 @@ class Learner:
     asks: bool = True
     alone: bool = False
     partners: bool = False
-    rules_out: bool = False
     needs_map: bool = False
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
     values: tuple[str, ...] = ("q_star", "q_coord")
-    given: tuple[str, ...] = ()
     scratch: tuple[str, ...] = ()
     entry_point: str | None = None
 
@@ -423,12 +393,6 @@ class Learner:
                 "prior_success out"
             )
 
-    def check_memory(self, scenario: Scenario, robot: int, memory: Memory) -> None:
-        """Raise `ValueError` where a robot (from 0) of another scenario learned this memory.
-
-        Types and shapes are right already.
-        """
-
     def rows_of_a_cell(self, scenario: Scenario) -> int:
         """Return the largest number of rows that depend on peers, for each own cell."""
         return int(len(scenario.map.cells) ** (scenario.perceived - 1))
@@ -456,10 +420,6 @@ class Learner:
             phase: LEARNING or EVALUATION: which random draws the robots use.
             learning: whether the robots learn.
         """
-        inter = interactions_of(scenario)
-        sight = BLIND
-        if self.rules_out:
-            sight = sight_of(scenario.perception, scenario.map)
         sizes = step_sizes(scenario.step_size, scenario.steps)
         return Task(
             robots=len(scenario.robots),
@@ -478,11 +438,6 @@ class Learner:
             sees_all=scenario.peers_seen == WHILE_LEARNING,
             keys=keys_of(seed, phase, len(scenario.robots))[ROBOT],
             full=np.zeros(1, dtype=np.bool_),
-            sight=sight,
-            swaps=inter.swaps,
-            blocks=inter.blocks,
-            map_samples=map_samples(scenario),
-            replays=replays_of(scenario),
         )
 
     def begun(self, scenario: Scenario, robot: int) -> Any:

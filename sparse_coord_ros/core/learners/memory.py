@@ -42,7 +42,7 @@ def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Me
     mind = learner.begun(scenario, k)
     found: dict[str, np.ndarray] = {}
     for name, value in mind._asdict().items():
-        if name in learner.given or name in learner.scratch:
+        if name in learner.scratch:
             continue
         if isinstance(value, Table):
             _check_rows(memory, name, value)
@@ -51,7 +51,6 @@ def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Me
             _check_array(memory, name, np.asarray(value))
             names = [name]
         found |= {one: memory[one] for one in names}
-    learner.check_memory(scenario, k, found)
     return found
 
 

@@ -164,7 +164,7 @@ def memory_of(learner: Any, mind: Any, k: int) -> dict[str, np.ndarray]:
     """
     memory: dict[str, np.ndarray] = {}
     for name, value in mind._asdict().items():
-        if name in learner.given or name in learner.scratch:
+        if name in learner.scratch:
             continue
         if isinstance(value, Table):
             for what, array in learned_rows(value, k)._asdict().items():

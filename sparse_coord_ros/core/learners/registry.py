@@ -11,7 +11,6 @@ from sparse_coord_ros.core.game.plugins import (
 from sparse_coord_ros.core.learners.baselines import Indiv, NonCoop
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.cq import CQ
-from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.hysteretic import Hysteretic
 from sparse_coord_ros.core.learners.joint import Joint
 from sparse_coord_ros.core.learners.learner import Learner, check_attributes
@@ -42,7 +41,6 @@ for _own in (
     NonCoop(),
     Indiv(),
     Hysteretic(),
-    Factored(),
     Voi(),
     CQ(),
     Joint(),

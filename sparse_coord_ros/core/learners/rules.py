@@ -23,7 +23,6 @@ from sparse_coord_ros.core.game.draws import (
     TIE,
     draw,
 )
-from sparse_coord_ros.core.game.sight import Sight
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
@@ -65,11 +64,6 @@ class Task(NamedTuple):
             the setting `peers_seen`.
         keys: robot k's key for `draw` [k].
         full: set where a table needs room [0].
-        sight: probabilities that percepts succeed; `BLIND` for learners that do not use them.
-        swaps: whether robots that exchange cells interact.
-        blocks: whether robots can stop each other.
-        map_samples: for how many samples of each move the map counts; 0: the map is not known.
-        replays: how many moves a learner with a model replays in each step.
     """
 
     robots: int
@@ -88,11 +82,6 @@ class Task(NamedTuple):
     sees_all: bool
     keys: Any
     full: Any
-    sight: Sight
-    swaps: bool
-    blocks: bool
-    map_samples: int
-    replays: int
 
 
 def of_run(task: Task, keys: np.ndarray) -> Task:

@@ -108,7 +108,8 @@ class Voi(Learner):
             updates: how often b was tried [k, x, b]; how often it asked [k, x, 4].
             answered: how often it asked in x and was answered [k, x].
             u: U, by (1) [k, x, b].
-            led: how often b led out of x [k, x, b].
+            tries: `updates` of moves, and the tries for which the map counts [k, x, b].
+            led: how often b led out of x in these tries [k, x, b].
             to: the cell where it led [k, x, b].
             visited: the cells that it has visited, in the order of their first time [k, n].
             count: how many they are [k, 0].
@@ -120,7 +121,8 @@ class Voi(Learner):
                 felt last when it led out (`values`).
             felt: for y, j and z', the r^C that was felt last there.
             last: of the last step: whether it knew its peers' cells, its own cell, its move, the
-                peers with which it interacted, r^C, and the cells of all robots [k, 5 + j].
+                peers with which it interacted, r^C, and the cells of all robots, if it knew them
+                [k, 5 + j].
             stood: of the last answer: how many in a row found nobody moved, and the cells of all
                 robots [k, 1 + j].
             row: space for a row [k, b].
@@ -130,6 +132,7 @@ class Voi(Learner):
         updates: Any
         answered: Any
         u: Any
+        tries: Any
         led: Any
         to: Any
         visited: Any
@@ -182,6 +185,7 @@ class Voi(Learner):
             updates=np.zeros(q_star.shape, dtype=np.int64),
             answered=np.zeros(cells, dtype=np.int64),
             u=u,
+            tries=np.zeros(moves, dtype=np.int64),
             led=np.zeros(moves, dtype=np.int64),
             to=np.zeros(moves, dtype=np.int64),
             visited=np.zeros(cells, dtype=np.int64),
@@ -206,12 +210,10 @@ class Voi(Learner):
         lead = scenario.map.next_cell
         cells = np.arange(len(lead))
         leads = lead != cells[:, None]
-        updates = mind.updates.copy()
-        updates[:, :PRIMITIVES] = MAP_TRIES
         return mind._replace(
             q_star=q_star,
-            updates=updates,
             u=q_star[:, :PRIMITIVES].copy(),
+            tries=np.full(leads.shape, MAP_TRIES),
             led=leads * max(1, round(scenario.known_success * MAP_TRIES)),
             to=np.where(leads, lead, 0),
             visited=cells,
@@ -262,10 +264,9 @@ class Voi(Learner):
 
         While it learns it asks in every step, also where its policy would not ask.
         """
-        if task.learning and not task.sees_all:
-            action = epsilon_greedy(mind.q_star[k, cell], task, k, step)
-            if action != COORDINATE:
-                return action
+        action = by_policy(mind.q_star[k, cell], task, k, step)
+        if action != COORDINATE:
+            return action
         if seen != 0 and task.robots > 2:
             patience(mind, task, k, cell, cells, values)
         return greedy(values, PRIMITIVES, task.keys[k], step, MOVE_TIE)
@@ -293,6 +294,23 @@ class Voi(Learner):
         refresh(mind, task, k, again)
 
 
+@jitable
+def by_policy(values: Values, task: Task, k: int, step: int) -> int:
+    """Return what the policy of a robot that asks would do: ask, or make a move without asking.
+
+    They differ while the robot asks in every step to learn: see `Voi.decide`.
+
+    Args:
+        values: the row Q*_k(x, .).
+        task: the task.
+        k: the robot.
+        step: the time step t.
+    """
+    if task.learning and not task.sees_all:
+        return epsilon_greedy(values, task, k, step)
+    return COORDINATE
+
+
 # Keys of the tables.
 
 
@@ -315,10 +333,11 @@ def row_of(rho: Table, task: Task, k: int, x: int, j: int, z: int, asks: int) ->
 def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Count a step in the model of moves, and a question."""
     x = now.cell
-    if greatest(mind.updates[k, x], PRIMITIVES) == 0.0:
+    if greatest(mind.tries[k, x], PRIMITIVES) == 0.0:
         mind.visited[k, mind.count[k, 0]] = x
         mind.count[k, 0] += 1
     mind.updates[k, x, now.move] += 1
+    mind.tries[k, x, now.move] += 1
     if now.next_cell != x:
         mind.led[k, x, now.move] += 1
         mind.to[k, x, now.move] = now.next_cell
@@ -357,12 +376,12 @@ def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
     """Set U of the moves in a cell by the model of moves: equation (1)."""
     here = task.discount * greatest(mind.u[k, x], PRIMITIVES)
     for b in range(PRIMITIVES):
-        if is_known(mind.led[k, x, b], mind.updates[k, x, b]):
+        if is_known(mind.led[k, x, b], mind.tries[k, x, b]):
             y = int(mind.to[k, x, b])
             there = task.discount * greatest(mind.u[k, y], PRIMITIVES)
             if y == task.goals[k]:
                 there = arrival_value(task)
-            share = mind.led[k, x, b] / mind.updates[k, x, b]
+            share = mind.led[k, x, b] / mind.tries[k, x, b]
             mind.u[k, x, b] = share * there + (1.0 - share) * here
 
 
@@ -485,7 +504,7 @@ def learn_from_peer(
     share = (went[0] + went[1] + went[2] + went[3]) / total
     alpha = step_size(task, int(total) + 1, now.step)
     for b in range(PRIMITIVES):
-        if is_known(mind.led[k, x, b], mind.updates[k, x, b]):
+        if is_known(mind.led[k, x, b], mind.tries[k, x, b]):
             out = chance_to_leave(mind, k, x, b, given)
             leaving = 0.0
             if out > 0.0:
@@ -504,7 +523,7 @@ def learn_from_peer(
 @jitable
 def chance_to_leave(mind: Any, k: int, x: int, b: int, given: int) -> float:
     """Return P(y != x | x, b, z') by the counts of the row `given` and of the model of moves."""
-    out = mind.led[k, x, b] / mind.updates[k, x, b]
+    out = mind.led[k, x, b] / mind.tries[k, x, b]
     led = mind.given.values[k, given, b] + OWN_TRIES * out
     return float(led / (mind.given.updates[k, given, b] + OWN_TRIES))
 
@@ -591,8 +610,9 @@ def note_step(mind: Any, task: Task, k: int, now: Transition) -> None:
     last[2] = now.move
     last[3] = now.partners
     last[4] = task.weights[1] * now.common
-    for j in range(task.robots):
-        last[5 + j] = now.cells[j]
+    if now.seen != 0:
+        for j in range(task.robots):
+            last[5 + j] = now.cells[j]
 
 
 @jitable
@@ -600,7 +620,7 @@ def refresh(mind: Any, task: Task, k: int, x: int) -> None:
     """Set Q*(x, .), by (3) and (4)."""
     for b in range(PRIMITIVES):
         mind.q_star[k, x, b] = mind.u[k, x, b] + mind.gain[k, x, b]
-        if is_wall(mind.led[k, x, b], mind.updates[k, x, b]):
+        if is_wall(mind.led[k, x, b], mind.tries[k, x, b]):
             mind.q_star[k, x, b] = FORBIDDEN
     worth = greatest(mind.u[k, x], PRIMITIVES) + mind.gain[k, x, COORDINATE]
     mind.q_star[k, x, COORDINATE] = worth - price(task)
@@ -642,5 +662,5 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     for _ in range(PATIENCE, count):
         left *= task.discount
     for b in range(PRIMITIVES):
-        if is_wall(mind.led[k, x, b], mind.updates[k, x, b]) and values[b] > 0.0:
+        if is_wall(mind.led[k, x, b], mind.tries[k, x, b]) and values[b] > 0.0:
             values[b] *= left

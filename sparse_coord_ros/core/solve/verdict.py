@@ -8,8 +8,8 @@ from typing import NamedTuple
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.percepts import percepts_can_succeed
 from sparse_coord_ros.core.game.scenario import Scenario
-from sparse_coord_ros.core.learners.factored import Factored
 from sparse_coord_ros.core.learners.learner import Learner
+from sparse_coord_ros.core.learners.voi import Voi
 from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
 from sparse_coord_ros.core.solve.optimum import independent_bound
@@ -64,8 +64,8 @@ def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
     if found.failed:
         missed = 1.0 - found.mean("arrived")
         cure = "more steps"
-        if not isinstance(learner, Factored):
-            cure = "more steps, or --learner factored"
+        if not isinstance(learner, Voi):
+            cure = "more steps, or --learner voi"
         return Verdict(
             LOST,
             f"In {percent(missed)} of the episodes some robot did not arrive. Try {cure}.",
@@ -146,13 +146,13 @@ def _compared(scenario: Scenario, found: Measures, ignoring: Measures) -> str:
 def _remedy(scenario: Scenario, learner: Learner) -> str:
     """Return advice for a team that does not coordinate.
 
-    More steps help Factored only: others settle on not asking (docs/design.md).
+    More steps help Voi only: others settle on not asking (docs/design.md).
     """
     if not percepts_can_succeed(scenario):
         return (
             "Asking cannot help here: no question can be answered (perception "
             f"{scenario.perception})."
         )
-    if isinstance(learner, Factored):
+    if isinstance(learner, Voi):
         return "Try more steps."
-    return "Try --learner factored."
+    return "Try --learner voi."

@@ -9,18 +9,13 @@ import numpy as np
 
 from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import MOVE_TIE
-from sparse_coord_ros.core.learners.agent import Agent
-from sparse_coord_ros.core.learners.corrections import corrections_of
-from sparse_coord_ros.core.learners.factored import (
-    LEAVING,
-    Factored,
-    leaves_stand_offs,
-)
+from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, memory_before
-from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, greedy
+from sparse_coord_ros.core.learners.rules import greedy
+from sparse_coord_ros.core.learners.voi import Voi, by_policy
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.dialogue import Request
-from sparse_coord_ros.log.runlog.log import NONE, RunLog
+from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.percepts import percept_end
 from sparse_coord_ros.log.runlog.replay import (
     Replay,
@@ -38,15 +33,30 @@ class Update(NamedTuple):
         reward: R_k(t).
         star: entry (cell, action) of Q*, its value before and after.
         coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
-        corrections: for a factored learner: the peer (from 0) and its cell, and rho of the move
-            there before and after; peer and cell are `NOT_PERCEIVED` for failed percepts.
     """
 
     next_cell: int
     reward: float
     star: tuple[tuple[int, ...], float, float]
     coord: tuple[tuple[int, ...], float, float] | None
-    corrections: tuple[tuple[int, int, float, float], ...] = ()
+
+
+class Reason(NamedTuple):
+    """The reason for the move of a robot that asked.
+
+    Attributes:
+        values: the values by which COORDINATE chose a move: those of Q^C at the joint state,
+            after a failed percept those of Q* at its cell; or what the learner made of them.
+        move: their greedy move.
+        by_policy: whether it asked only to learn, and made the move of its policy, which does not
+            ask here.
+        impatient: whether it waits in vain: waiting has lost value.
+    """
+
+    values: tuple[float, ...]
+    move: int
+    by_policy: bool
+    impatient: bool
 
 
 class Coordination(NamedTuple):
@@ -61,11 +71,8 @@ class Coordination(NamedTuple):
         outcome: the end of the percept, in the words of `wire.PerceptEnd`.
         perceived: the cells that it perceived; None: the percept failed.
         move: the primitive action after COORDINATE.
-        q_values: the four values by which it chose the move: of Q^C at the joint state, after a
-            failed percept of Q* at its cell; empty if they cannot be computed: the robot does not
-            publish its tables, the learner's code may not be imported, or the tables are lost.
-        waiting_move: the greedy move of these values, if the robot left a stand-off instead;
-            None: it left none, or that is not known.
+        reason: the reason for the move; None if it cannot be computed: the robot does not publish
+            its tables, the learner's code may not be imported, or the tables are lost.
         update: the update from it; None without an update (the robot was left out, or the log
             ends).
         agrees: whether the agent chooses the logged action.
@@ -80,8 +87,7 @@ class Coordination(NamedTuple):
     outcome: str
     perceived: tuple[int, ...] | None
     move: int
-    q_values: tuple[float, ...] = ()
-    waiting_move: int | None = None
+    reason: Reason | None = None
     update: Update | None = None
     agrees: bool = True
     doubt: str | None = None
@@ -163,48 +169,70 @@ def _replayed(
     cell = one.cell
     perceived = one.perceived
     agrees = replay.advance(place)
-    values = tuple(agent.values_asking(cell, perceived)[:PRIMITIVES])
-    waiting_move = greedy_move(agent, one.step, values)
     entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
     entries += [] if perceived is None else [(cell, *perceived, one.move)]
 
-    def learned() -> tuple[list[float], dict[tuple[int, int], float]]:
+    def learned() -> list[float]:
         found = [agent.values(cell)[COORDINATE]]
         if perceived is not None:
             found.append(agent.values_asking(cell, perceived)[one.move])
-        rho = {}
-        if isinstance(agent.learner, Factored):
-            seen = (
-                None
-                if perceived is None
-                else dict(zip(agent.peers, perceived, strict=True))
-            )
-            rho = corrections_of(
-                agent.mind, agent.task, agent.number, cell, seen, one.move
-            )
-        return found, rho
+        return found
 
-    before, rho = learned()
+    before = learned()
+    reason = reason_of(replay, one.step, cell, perceived)
     if not agrees or not replay.advance(place + 1):
         move = one.move if replay.other is None else replay.other.move
-        return one._replace(move=move, q_values=values, agrees=False)
-    one = one._replace(q_values=values)
-    if has_left(log.run, perceived, one.move, waiting_move):
-        one = one._replace(waiting_move=waiting_move)
+        return one._replace(move=move, reason=reason._replace(move=move), agrees=False)
+    one = one._replace(reason=reason)
     if not trajectory.learned[place]:
         return one
-    after, rho_after = learned()
-    star, *coord = zip(entries, before, after, strict=True)
-    corrections = tuple((*who, rho[who], value) for who, value in rho_after.items())
+    star, *coord = zip(entries, before, learned(), strict=True)
     reward = float(log.reward[trajectory.row[place], one.robot, -1])
     led = int(trajectory.next_cell[place])
-    update = Update(led, reward, star, coord[0] if coord else None, corrections)
+    update = Update(led, reward, star, coord[0] if coord else None)
     return one._replace(update=update)
 
 
-def greedy_move(agent: Agent, step: int, values: Sequence[float]) -> int:
-    """Return the greedy move of an agent that asks at a time step, by the values of the moves."""
-    return greedy(values, PRIMITIVES, agent.task.keys[agent.number], step, MOVE_TIE)
+def reason_of(
+    replay: Replay, step: int, cell: int, perceived: tuple[int, ...] | None
+) -> Reason:
+    """Return the reason for the move of a robot that asks.
+
+    Args:
+        replay: its replay, which has reached the question.
+        step: the time step.
+        cell: the robot's cell.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+    """
+    agent = replay.agent
+    key = agent.task.keys[agent.number]
+    values = agent.values_asking(cell, perceived)
+    of_policy = COORDINATE
+    impatient = False
+    if replay.other is None and replay.decide().action == COORDINATE:
+        if _moves_as_voi(agent.learner):
+            of_policy = by_policy(agent.values(cell), agent.task, agent.number, step)
+        replay.act()
+        impatient = _moves_as_voi(agent.learner) and values != agent.values_at_last
+        values = agent.values_at_last
+    move = greedy(values, PRIMITIVES, key, step, MOVE_TIE)
+    return Reason(tuple(values), move, of_policy != COORDINATE, impatient)
+
+
+def _moves_as_voi(learner: Learner) -> bool:
+    """Return whether robots that ask move as those of `voi` do."""
+    return learner.move_after_asking is Voi.move_after_asking
+
+
+def moves_otherwise(run: RunConfig) -> bool:
+    """Return whether robots that ask may make another move than the greedy one of their tables."""
+    rule = run.known_rule
+    if rule is None or rule.move_after_asking is Learner.move_after_asking:
+        return False
+    if not _moves_as_voi(rule):
+        return True
+    asks_to_learn = not (run.greedy or run.sees_all)
+    return asks_to_learn or len(run.scenario.robots) > 2
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:
@@ -220,59 +248,17 @@ def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
     return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
-LEAVES = (
-    "asked twice in a row, saw that no robot moved, and leaves at random "
-    f"(probability {LEAVING:g})"
-)
-"""The reason why a robot that left a stand-off did not make the greedy move."""
+ASKS_TO_LEARN = "asks in every step while it learns; its policy would not ask here"
 
-MAY_HAVE_LEFT = (
-    "may have left at random: asked twice in a row, and saw that no robot moved"
-)
-"""The text for a move with unknown values."""
+IMPATIENT = "has waited in vain: nobody moved, and waiting loses value"
 
 
-def has_left(
-    run: RunConfig, perceived: Sequence[int] | None, move: int, greedy_move: int
-) -> bool:
-    """Return whether a robot that asked left a stand-off by its move.
-
-    There is no other reason for a move that is not greedy: after an answer a robot that learns by
-    `factored` does not explore.
-    """
-    return perceived is not None and _moves_as_factored(run) and move != greedy_move
-
-
-def _moves_as_factored(run: RunConfig) -> bool:
-    """Return whether robots that ask move as those of `factored` do."""
-    rule = run.known_rule
-    return rule is not None and rule.move_after_asking is Factored.move_after_asking
-
-
-def may_have_left(
-    run: RunConfig,
-    robot: int,
-    cells: Sequence[Sequence[int | None]],
-    answered: Sequence[bool],
-    move: int,
-) -> bool:
-    """Return whether a robot with unknown values may have left a stand-off by its move.
-
-    Args:
-        run: the run.
-        robot: the robot's number.
-        cells: the cells of all robots, in the time step before and in that of the move.
-        answered: whether it got an answer, in both.
-        move: the primitive action.
-    """
-    if not _moves_as_factored(run) or not leaves_stand_offs(run.scenario):
-        return False
-    before, now = cells
-    stood = None not in now and list(before) == list(now)
-    if not all(answered) or not stood:
-        return False
-    cell = now[robot]
-    return bool(run.scenario.map.next_cell[cell, move] != cell)
+def why_in_words(reason: Reason | None) -> Iterator[str]:
+    """Yield the reasons why a robot may not have made the greedy move of its tables."""
+    if reason is not None and reason.by_policy:
+        yield ASKS_TO_LEARN
+    if reason is not None and reason.impatient:
+        yield IMPATIENT
 
 
 def move_in_words(
@@ -280,7 +266,7 @@ def move_in_words(
     cell: int | None,
     perceived: Sequence[int] | None,
     move: int,
-    waiting_move: int | None = None,
+    reason: Reason | None = None,
 ) -> str:
     """Return the move after COORDINATE, and the row of the tables that decided.
 
@@ -289,17 +275,17 @@ def move_in_words(
         cell: the robot's cell; None: the cell, or its tables, are unknown.
         perceived: the cells of the peers that it perceived; None: the percept failed.
         move: the primitive action.
-        waiting_move: the greedy move of the row, if the robot left a stand-off; else None.
+        reason: the reason for the move; None: it is not known.
     """
     if cell is None:
         return f"goes {ACTIONS[move]}"
     row = f"Q*[{cell}]"
     if perceived is not None:
         row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
-    elif isinstance(run.known_rule, Factored):
-        row = f"U + rho[{cell}; failed percept]"
-    if waiting_move is not None:
-        by_row = f"by {row} it would go {ACTIONS[waiting_move]}"
+    if reason is not None and reason.by_policy:
+        return f"goes {ACTIONS[move]} by its policy, not by {row}"
+    if reason is not None and reason.move != move:
+        by_row = f"by {row} it would go {ACTIONS[reason.move]}"
         return f"goes {ACTIONS[move]}, though {by_row}"
     return f"goes {ACTIONS[move]} by {row}"
 
@@ -317,11 +303,11 @@ def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str
 def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of a COORDINATE: question, answer, move, update."""
     yield f"time step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
-    if one.doubt is not None and one.q_values:
+    if one.doubt is not None and one.reason is not None:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     yield from _question(log, one)
     yield from _move(log, one)
-    if one.q_values:
+    if one.reason is not None:
         yield from _learned(log, one)
 
 
@@ -341,34 +327,19 @@ def _question(log: RunLog, one: Coordination) -> Iterator[str]:
 
 def _move(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of the move after the percept, and of the reason for it."""
-    run = log.run
-    if one.waiting_move is not None:
-        yield f"  {LEAVES}"
-    cell = None if log.why_not_computed(one.robot) else one.cell
-    waiting_move = one.waiting_move
-    if not one.q_values and _may_have_left(log, one):
-        yield f"  {MAY_HAVE_LEFT}"
+    reason = one.reason
+    for why in why_in_words(reason):
+        yield f"  {why}"
+    cell: int | None = one.cell
+    if log.why_not_computed(one.robot) or (reason is None and moves_otherwise(log.run)):
         cell = None
-        waiting_move = None
-    move = move_in_words(run, cell, one.perceived, one.move, waiting_move)
-    if one.q_values:
-        yield f"  {move}: {row_in_words(one.q_values)}"
+    move = move_in_words(log.run, cell, one.perceived, one.move, reason)
+    if reason is not None:
+        yield f"  {move}: {row_in_words(reason.values)}"
         if not one.agrees:
             yield "  (the log says another action; see 'sparse_coord verify')"
     else:
         yield f"  {move}" + ("" if one.doubt is None else f"; {one.doubt}")
-
-
-def _may_have_left(log: RunLog, one: Coordination) -> bool:
-    """Return `may_have_left` for a COORDINATE."""
-    row = log.row_of[one.step]
-    if row == 0 or log.step[row - 1] != one.step - 1:
-        return False
-    rows = [row - 1, row]
-    cells = log.cells[rows].tolist()
-    answered = (log.asked & log.perceived)[rows, one.robot].tolist()
-    is_known = NONE not in cells[1]
-    return is_known and may_have_left(log.run, one.robot, cells, answered, one.move)
 
 
 def _answer(log: RunLog, one: Coordination, request: Request) -> str:
@@ -403,14 +374,6 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         return
     for table, changed in (("Q^C", update.coord), ("Q*", update.star)):
         if changed is None:
-            yield "  Q^C stays unchanged: the question failed"
             continue
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
-    for peer, place, before, after in update.corrections:
-        where = (
-            "failed percept"
-            if peer == NOT_PERCEIVED
-            else f"{log.names[peer]} in {place}"
-        )
-        yield f"  correction rho[{one.cell}; {where}; {ACTIONS[one.move]}] {before!r} -> {after!r}"

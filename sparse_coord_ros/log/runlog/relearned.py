@@ -3,16 +3,14 @@
 """A team's tables at any time step, learned again from the recorded checkpoint before it."""
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
-from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.attached import RecordedTables
-from sparse_coord_ros.log.runlog.explain import greedy_move
+from sparse_coord_ros.log.runlog.explain import Reason, reason_of
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire
@@ -40,18 +38,6 @@ class AskedQuestion(NamedTuple):
     robot: int
     cell: int
     perceived: tuple[int, ...] | None
-
-
-class Reason(NamedTuple):
-    """The reason for the move of a robot that asked.
-
-    Attributes:
-        values: the values of the four moves, as in `explain`.
-        move: their greedy move.
-    """
-
-    values: tuple[float, ...]
-    move: int
 
 
 class _Part(NamedTuple):
@@ -154,35 +140,16 @@ class Relearned:
         """
         if self._log.run.known_rule is None:
             return None
-        agents = self._standing if self._log.run.greedy else self._agents(step, still)
-        if any(one.robot not in agents for one in asked):
-            return None
-        return [_reason(agents[one.robot], step, one) for one in asked]
-
-    def _agents(self, step: int, still: Callable[[], bool]) -> dict[int, Agent]:
-        """Return the robots' agents at a time step; empty if they are unknown."""
         part = self._reached(step, still)
-        return (
-            {}
-            if part is None
-            else {one.agent.number: one.agent for one in part.replays}
-        )
-
-    @cached_property
-    def _standing(self) -> dict[int, Agent]:
-        """The agents of a run in which no robot learns."""
-        run = self._log.run
-        return {
-            one.robot: Agent(
-                run.rule,
-                run.scenario,
-                one.robot,
-                run.seed,
-                memory=one.tables.memory,
-                learning=False,
-            )
-            for one in self._recorded(self._log.last_step)
-        }
+        if part is None:
+            return None
+        replays = {one.agent.number: one for one in part.replays}
+        if any(one.robot not in replays for one in asked):
+            return None
+        return [
+            reason_of(replays[one.robot], step, one.cell, one.perceived)
+            for one in asked
+        ]
 
     def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
         """Return a part that has been learned again up to a step; None if that is impossible."""
@@ -242,9 +209,3 @@ class Relearned:
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):
             del self._kept[next(iter(self._kept))]
         return saved
-
-
-def _reason(agent: Agent, step: int, asked: AskedQuestion) -> Reason:
-    """Return the reason for the move of an agent that asked."""
-    values = agent.values_asking(asked.cell, asked.perceived)
-    return Reason(tuple(values), greedy_move(agent, step, values))

@@ -168,6 +168,7 @@ class Replay:
         self._logged = log.numbers[rows, k, : len(ACTION_LABELS)]
         self._rewards = log.rewards[rows, k]
         self._decision: Decision | None = None
+        self._action: Action | None = None
 
     def decide(self) -> Decision:
         """Return what the agent chooses at `reached`, before active perception."""
@@ -177,6 +178,17 @@ class Replay:
                 self.agent.begin_episode()
             self._decision = self.agent.decide(self._steps[i], self._cells[i])
         return self._decision
+
+    def act(self) -> Action:
+        """Return what the agent does at `reached`."""
+        if self._action is None:
+            i = self.reached
+            decision = self.decide()
+            perceived = self._trajectory.perceived_at(i) if decision.peers else None
+            self._action = self.agent.act(
+                self._steps[i], self._cells[i], decision, perceived
+            )
+        return self._action
 
     def advance(self, to: int) -> bool:
         """Advance to an action; return whether the agent chose all logged actions before it."""
@@ -191,12 +203,12 @@ class Replay:
         step = self._steps[i]
         cell = self._cells[i]
         decision = self.decide()
-        perceived = self._trajectory.perceived_at(i) if decision.peers else None
-        action = agent.act(step, cell, decision, perceived)
+        action = self.act()
         if BITS.pack(*action_numbers(action)) != self._logged[i].tobytes():
             self.other = action
             return
         if self._learned[i]:
+            perceived = self._trajectory.perceived_at(i) if decision.peers else None
             choice = Choice(cell, decision, action, perceived)
             reward = _reward(self._rewards[i])
             row = self._rows[i]
@@ -209,6 +221,7 @@ class Replay:
             agent.learn(step, choice, reward, self._next_cells[i], team)
         self.reached = i + 1
         self._decision = None
+        self._action = None
 
 
 def _reward(logged: np.ndarray) -> Reward:

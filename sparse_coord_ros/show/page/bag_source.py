@@ -19,7 +19,7 @@ from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.log.runlog.relearned import AskedQuestion, Reason, Relearned
+from sparse_coord_ros.log.runlog.relearned import AskedQuestion, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.narrator import Narrator
@@ -135,7 +135,7 @@ class BagSource(controls.Played):
         self._counts = Counts(len(scenario.robots), len(scenario.map.cells))
         self._questions: list[tuple[int, AskedQuestion]] = []
         self.history = blank_history(0, len(scenario.robots))
-        self._reasons: dict[tuple[int, int], Reason | None] = {}
+        self._reasons: dict[tuple[int, int], explain.Reason | None] = {}
         self._reasons_known = 0
         self._stop = threading.Event()
         fields = messages.run_fields(self.run)
@@ -421,9 +421,6 @@ class BagSource(controls.Played):
         questions: list[tuple[int, AskedQuestion]] = []
         for place in asking.tolist():
             seen = logged_step(log, place)
-            before = None
-            if place and log.step[place - 1] == seen.step - 1:
-                before = logged_step(log, place - 1)
             reasons = {
                 k: reason
                 for (step, k), reason in self._reasons.items()
@@ -432,9 +429,8 @@ class BagSource(controls.Played):
             rows = {
                 k: f": {explain.row_in_words(one.values)}" for k, one in reasons.items()
             }
-            says = {k: one.move for k, one in reasons.items()}
             told += messages.in_words(
-                self.run, before, seen, known, self._narrator, rows, says
+                self.run, seen, known, self._narrator, rows, reasons
             )
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]

@@ -64,7 +64,6 @@ class LiveView:
         cells = len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self.last: TeamTransition | None = None
-        self._before: TeamTransition | None = None
         self.newest: messages.TablesThen = {}
         self._passed: deque[tuple[int | None, ...]] = deque(maxlen=TRAIL)
         self._narrator = Narrator(run.scenario)
@@ -93,10 +92,8 @@ class LiveView:
 
     def take(self, seen: TeamTransition) -> None:
         """Take in a transition; this is called for each one, so it must be fast."""
-        self._before = self.last
         if self.last is not None and seen.step != self.last.step + 1:
             self._passed.clear()
-            self._before = None
         self._passed.append(seen.cells)
         self.last = seen
         for k, action in enumerate(seen.actions):
@@ -154,9 +151,7 @@ class LiveView:
     def _tell(self, seen: TeamTransition) -> None:
         """Show the questions of a transition in words."""
         rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
-        said = messages.in_words(
-            self.run, self._before, seen, self.known, self._narrator, rows, {}
-        )
+        said = messages.in_words(self.run, seen, self.known, self._narrator, rows, {})
         asks = list(said)
         if asks:
             self._told.extend(asks)

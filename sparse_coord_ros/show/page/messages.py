@@ -363,23 +363,21 @@ def asked_of(seen: TeamTransition, question: Question) -> AskedQuestion | None:
 
 def in_words(
     run: RunConfig,
-    before: TeamTransition | None,
     seen: TeamTransition,
     known: Container[int],
     narrator: Narrator,
     rows: Mapping[int, str],
-    says: Mapping[int, int],
+    reasons: Mapping[int, explain.Reason],
 ) -> Iterator[Message]:
     """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
 
     Args:
         run: the run.
-        before: the time step before it; None: it is not known.
         seen: the time step.
         known: numbers of the robots whose tables are known; for the others no reason is given.
         narrator: of the scenario.
         rows: by robot, the row of its tables that decided, in words.
-        says: by robot, the greedy move of this row, if that is known.
+        reasons: by robot, the reason for its move, if that is known.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
@@ -393,38 +391,18 @@ def in_words(
             places = ", ".join(explain.cell_in_words(run, one) for one in perceived)
             told = f"answers {places}"
         lines = [explain.choice_in_words(run, k, cell), f"asks {whom}: {told}"]
+        reason = reasons.get(k)
+        lines += explain.why_in_words(reason)
         by_cell = cell if k in known else None
-        waiting_move = None
-        says_move = says.get(k, move)
-        if explain.has_left(run, perceived, move, says_move):
-            waiting_move = says_move
-            lines.append(explain.LEAVES)
-        elif k not in says and _may_have_left(run, before, seen, question):
+        if reason is None and explain.moves_otherwise(run):
             by_cell = None
-            lines.append(explain.MAY_HAVE_LEFT)
-        by = explain.move_in_words(run, by_cell, perceived, move, waiting_move)
-        lines.append(by + rows.get(k, ""))
+        by = explain.move_in_words(run, by_cell, perceived, move, reason)
+        lines.append(by if by_cell is None else by + rows.get(k, ""))
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:
             lines.append(explain.reward_in_words(run, reward.total, after))
         said = {"text": narrator.question(seen, question), "lines": lines}
         yield {"step": seen.step, "robot": k, "outcome": question.outcome, **said}
-
-
-def _may_have_left(
-    run: RunConfig,
-    before: TeamTransition | None,
-    seen: TeamTransition,
-    question: Question,
-) -> bool:
-    """Return whether a move after a question may be how a robot left a stand-off."""
-    if before is None:
-        return False
-    k = question.asker
-    actions = (before.actions[k], seen.actions[k])
-    answered = [one is not None and one.perceived for one in actions]
-    cells = (before.cells, seen.cells)
-    return explain.may_have_left(run, k, cells, answered, question.move)
 
 
 def plain(values: np.ndarray) -> list[Any]:

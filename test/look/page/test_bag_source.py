@@ -15,7 +15,7 @@ import pytest
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.percents import percent
-from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.actions import ACTIONS, COORDINATE
 from sparse_coord_ros.core.game.interactions import (
     interactions_of,
     miscoordinations,
@@ -27,7 +27,8 @@ from sparse_coord_ros.core.solve.shipped import yardsticks
 from sparse_coord_ros.log.bags.reader import bag_files
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import (
-    MAY_HAVE_LEFT,
+    ASKS_TO_LEARN,
+    IMPATIENT,
     coordinations,
     explained,
     in_words,
@@ -139,12 +140,17 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
 
 TEAMS = {
     "coop": ("env1", {"perception": "probability:0.6", "steps": 300}, {}),
-    "factored": (
+    "voi": (
         "env1",
         {"perception": "probability:0.6", "steps": 300},
-        {"learner": "factored"},
+        {"learner": "voi"},
     ),
-    "all peers": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "factored"}),
+    "three": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "voi"}),
+    "three, peers seen": (
+        "crowd-3r",
+        {"steps": 300, "peers_seen": "while_learning"},
+        {"learner": "voi"},
+    ),
 }
 
 
@@ -189,53 +195,58 @@ def check_rows(player, log):
 
 def moves_told(lines):
     """Return the lines of a question that say what the robot did, and why."""
-    begins = ("goes ", "asked twice ", "may have left ")
+    begins = ("goes ", ASKS_TO_LEARN, IMPATIENT)
     return [line.strip() for line in lines if line.strip().startswith(begins)]
 
 
-def test_the_page_says_where_a_robot_left_a_stand_off(record):
-    values = {"checkpoint": 100, "learner": "factored"}
-    bag = record("crowd-3r", settings={"steps": 600}, values=values).bag
+def test_the_page_says_where_a_robot_waits_in_vain(record):
+    values = {"checkpoint": 100, "learner": "voi"}
+    settings = {"steps": 600, "peers_seen": "while_learning"}
+    bag = record("crowd-3r", settings=settings, values=values).bag
     log = read_run(bag)
-    left = [
+    impatient = [
         one
         for robot in range(3)
         for one in explained(log, robot, coordinations(log, robot))
-        if one.waiting_move is not None
+        if one.reason.impatient
     ]
-    assert left
+    assert impatient
     player = Player(bag)
-    for one in left:
+    for one in impatient:
         player.do(SEEK, one.step)
         entries = player.board.get("dialogue")["entries"]
         newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
         assert newest["step"] == one.step
-        if one is left[0]:  # later ones may be known already
-            assert moves_told(newest["lines"])[0] == MAY_HAVE_LEFT
+        if one is impatient[0]:  # later ones may be known already
+            assert moves_told(newest["lines"]) == [f"goes {ACTIONS[one.move]}"]
         for _ in range(2):
             player.source.learn()
         player.source.tick()
         entries = player.board.get("dialogue")["entries"]
         newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
         assert moves_told(newest["lines"]) == moves_told(in_words(log, one))
-        assert moves_told(newest["lines"])[0].startswith("asked twice in a row")
+        assert moves_told(newest["lines"])[0] == IMPATIENT
     player.source.log.bag.close()
 
 
-def test_a_run_in_which_nobody_learns_has_its_rows_too(record, tmp_path):
-    tables = record(settings={"steps": 600}).bag
+@pytest.mark.parametrize(("name", "learner"), [("env1", "coop"), ("crowd-3r", "voi")])
+def test_a_run_in_which_nobody_learns_has_its_rows_too(name, learner, record, tmp_path):
+    values = {"learner": learner}
+    seen = {"peers_seen": "while_learning"} if learner == "voi" else {}
+    tables = record(name, settings={"steps": 600, **seen}, values=values).bag
     load = Player(tables)
-    own = [load.source.log.tables_before(k).tables for k in range(2)]
+    robots = range(len(load.source.run.scenario.robots))
+    own = [load.source.log.tables_before(k).tables for k in robots]
     load.source.log.bag.close()
     save_team(tmp_path, [one.memory for one in own])
-    values = {"greedy": True, "tables": str(tmp_path)}
-    player = Player(record(settings={"steps": 200}, values=values).bag)
+    values |= {"greedy": True, "tables": str(tmp_path)}
+    recorded = record(name, settings={"steps": 200}, values=values)
+    player = Player(recorded.bag)
     player.do(SEEK, 10**6)
     for _ in range(2):
         player.source.learn()
     player.source.tick()
-    entries = player.board.get("dialogue")["entries"]
-    assert entries and all(": north " in entry["lines"][2] for entry in entries)
+    check_rows(player, read_run(recorded.bag))
     player.source.log.bag.close()
 
 
@@ -517,7 +528,7 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(team, tables, w
 def test_of_a_larger_team_one_robot_is_told(record):
     """All robots that ask at once would fill the page."""
     settings = {"steps": 1500, "penalty": -100}
-    bag = record("crowd-8r", settings=settings, values={"learner": "factored"}).bag
+    bag = record("crowd-8r", settings=settings, values={"learner": "voi"}).bag
     long_log = LongLog(bag)
     tables = [long_log.tables_before(k).tables for k in range(8)]
     long_log.bag.close()

@@ -48,13 +48,13 @@ def test_titles_tell_runs_apart():
         scenario = load_scenario("env1", **settings)
         return make_run(scenario, {"learner": learner, "seed": seed})
 
-    assert titles_of([run("coop"), run("factored")]) == [
+    assert titles_of([run("coop"), run("voi")]) == [
         "the paper's learner",
-        "factored",
+        "voi",
     ]
-    titles = titles_of([run("coop", penalty=-50), run("coop"), run("factored")])
+    titles = titles_of([run("coop", penalty=-50), run("coop"), run("voi")])
     assert titles[0] == "the paper's learner, env1, penalty=-50"
-    assert titles[2] == "factored"
+    assert titles[2] == "voi"
     assert titles_of([run("coop"), run("coop", 2)]) == [
         "the paper's learner, seed 1",
         "the paper's learner, seed 2",
@@ -66,7 +66,7 @@ def bags(record):
     settings = {"steps": 600, "penalty": -100}
     return [
         record(settings=settings, values={"learner": learner}).bag
-        for learner in ("coop", "factored")
+        for learner in ("coop", "voi")
     ]
 
 

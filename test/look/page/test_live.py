@@ -13,7 +13,6 @@ from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder, blank_history
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.live_source import LiveView
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -32,10 +31,12 @@ def view(monkeypatch):
     return made
 
 
-def ask(view, step):
-    """Let robot 1 ask robot 2 at a time step."""
-    actions = (Action(0, True, 1, True), Action(1, False, -1, False))
-    view.take(TeamTransition(step, (3, 4), actions, (3, 5), False))
+def ask(view, step, robots=2):
+    """Let robot 1 ask at a time step."""
+    actions = (Action(0, True, 1, True), *[Action(1, False, -1, False)] * (robots - 1))
+    cells = (3, *range(4, 3 + robots))
+    after = (3, *range(5, 4 + robots))
+    view.take(TeamTransition(step, cells, actions, after, False))
     view.show(transitions=step, episode=0)
 
 
@@ -47,24 +48,25 @@ def test_the_newest_questions_are_told_once(view):
     assert told == list(range(50 - messages.MOST_ENTRIES, 50))
 
 
-def test_a_live_robot_may_have_left_a_stand_off():
-    """Its newest tables are not those by which it moved: the page does not say which it was."""
-    scenario = load_scenario("crowd-3r")
-    run = make_run(scenario, {"learner": "factored"})
+@pytest.mark.parametrize(
+    ("name", "learner", "settings", "by_row"),
+    [
+        ("env1", "coop", {}, True),
+        ("crowd-3r", "coop", {}, True),
+        ("env1", "voi", {}, False),
+        ("env1", "voi", {"peers_seen": "while_learning"}, True),
+        ("crowd-3r", "voi", {"peers_seen": "while_learning"}, False),
+    ],
+)
+def test_the_row_is_named_where_no_other_reason_can_be(name, learner, settings, by_row):
+    """The newest tables of a robot are not those by which it moved."""
+    scenario = load_scenario(name).with_settings(settings)
+    run = make_run(scenario, {"learner": learner})
     view = LiveView(run, MessageBoard(), source="live", title="", controls=())
-    leads = scenario.map.next_cell[3]
-    away = int(np.flatnonzero(leads != 3)[0])
-    asks = (Action(away, True, -1, True), *(Action(1, False, -1, False),) * 2)
-    for step, cells in ((4, (3, 4, 6)), (5, (3, 4, 6)), (6, (3, 5, 6)), (9, (3, 5, 6))):
-        view.take(TeamTransition(step, cells, asks, cells, False))
-        view.show(transitions=step, episode=0)
-    doubtful = [
-        explain.MAY_HAVE_LEFT in entry["lines"]
-        for entry in view.board.get("dialogue")["entries"]
-    ]
-    assert doubtful == [False, True, False, False]
-    moves = [entry["lines"][-1] for entry in view.board.get("dialogue")["entries"]]
-    assert [" by Q^C" in move for move in moves] == [True, False, True, True]
+    ask(view, 4, robots=len(scenario.robots))
+    [entry] = view.board.get("dialogue")["entries"]
+    assert entry["lines"][-1].startswith("goes north")
+    assert (" by Q^C" in entry["lines"][-1]) == by_row
 
 
 def test_a_trail_is_of_one_episode_and_leads_from_cell_to_cell(view):

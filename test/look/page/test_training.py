@@ -32,7 +32,7 @@ def scenario(name="env1", **settings):
     ("name", "learner", "settings"),
     [
         ("env1", "coop", {"perception": "probability:0.5"}),
-        ("crowd-3r", "factored", {"perception": "probability:0.5", "peers": "all"}),
+        ("crowd-3r", "voi", {"perception": "probability:0.5", "peers": "all"}),
         ("env1", "indiv", {}),
     ],
 )

@@ -1,25 +1,31 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of the factored learner: computed again and explained."""
+"""Logs of the learner voi: computed again, and explained."""
 
 import struct
 
+import numpy as np
 import pytest
 from teams import tables_equal
 
-from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
+from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.log.runlog import read_run, verify
-from sparse_coord_ros.log.runlog.explain import coordinations, explained
+from sparse_coord_ros.log.runlog.explain import (
+    ASKS_TO_LEARN,
+    coordinations,
+    explained,
+    in_words,
+)
 
 EXPLORING = {
     "steps": 400,
     "penalty": -60,
-    "q_coord_init": 20,
-    "epsilon": "constant:0.8",
+    "epsilon": "constant:0.5",
     "max_steps": 20,
     "interactions": "together:any_doorway",
 }
+SEEN = {"peers_seen": "while_learning"}
 
 
 def stamp(nanoseconds):
@@ -33,7 +39,7 @@ def logged(record):
     made = {}
     for name, success in (("env2-2r", 0.6), ("env2-4r", 0.85)):
         settings = {**EXPLORING, "perception": f"probability:{success}"}
-        one = record(name, settings, values={"learner": "factored"})
+        one = record(name, settings, values={"learner": "voi"})
         made[len(one.names)] = one
     return made
 
@@ -43,7 +49,7 @@ def test_verified(logged, robots):
     one = logged[robots]
     found = verify(one.bag)
     assert found.same, found.first
-    learned = learn(one.run.scenario, "factored", one.run.seed)
+    learned = learn(one.run.scenario, "voi", one.run.seed)
     assert any(len(tables.memory["rho_keys"]) for tables in learned)
     log = read_run(one.bag)
     final = [log.all_tables[-robots + k].tables for k in range(robots)]
@@ -51,30 +57,42 @@ def test_verified(logged, robots):
 
 
 @pytest.mark.parametrize("robots", [2, 4])
-def test_explained(logged, robots):
+def test_a_robot_that_asks_only_to_learn_moves_by_its_policy(logged, robots):
+    """It asks in every step; where its policy asks, too, it makes the greedy move."""
     log = read_run(logged[robots].bag)
-    changed = failed = 0
+    acted = ~np.isnan(log.reward[:, 0, 0])
+    assert coordinations(log, 0) == log.step[acted].tolist()
+    told = {True: 0, False: 0}
     for one in explained(log, 0, coordinations(log, 0)):
         assert one.agrees and one.doubt is None
-        if one.update is None:
-            continue
-        rows = {
-            (peer, place): (before, after)
-            for peer, place, before, after in one.update[-1]
-        }
-        if one.perceived is None:
-            assert list(rows) == [(NOT_PERCEIVED, NOT_PERCEIVED)]
-            failed += 1
+        lines = list(in_words(log, one))
+        assert (f"  {ASKS_TO_LEARN}" in lines) == one.reason.by_policy
+        row = f"Q*[{one.cell}]"
+        if one.perceived is not None:
+            row = f"Q^C[{', '.join(map(str, (one.cell, *one.perceived)))}]"
+        moved = f"  goes {ACTIONS[one.move]} by {row}: north "
+        if one.reason.by_policy:
+            moved = f"  goes {ACTIONS[one.move]} by its policy, not by {row}: north "
         else:
-            assert list(rows) == list(zip(one.peers, one.perceived, strict=True))
-            assert one.update.coord[0] == (one.cell, *one.perceived, one.move)
-        changed += any(before != after for before, after in rows.values())
-    assert changed > 0 and failed > 0
+            assert one.move == one.reason.move
+        assert sum(line.startswith(moved) for line in lines) == 1
+        told[one.reason.by_policy] += 1
+    assert min(told.values()) > 10
+
+
+def test_robots_that_see_their_peers_ask_only_where_that_pays(record):
+    settings = {**EXPLORING, **SEEN, "penalty": -100, "steps": 800}
+    log = read_run(record("env2-2r", settings, values={"learner": "voi"}).bag)
+    steps = coordinations(log, 0)
+    assert 0 < len(steps) < 0.5 * len(log.step)
+    for one in explained(log, 0, steps):
+        assert one.agrees and not one.reason.by_policy
+        assert one.move == one.reason.move
 
 
 def test_a_run_that_goes_on_from_tables(record, logged):
     tables = [robot.agent.tables for robot in logged[2].recording.robots]
-    values = {"learner": "factored", "tables": "before", "seed": 8}
+    values = {"learner": "voi", "tables": "before", "seed": 8}
     settings = {**EXPLORING, "steps": 200}
     assert verify(record("env2-2r", settings, values=values, tables=tables).bag).same
 

@@ -1,0 +1,754 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rule of learner voi, line by line, by numbers computed by hand.
+
+The robot is robot 0 in cell `X`; its peer, robot 1, goes from `Z` to `Z2`. East of X is `Y`.
+Models of moves and values are set by hand, whatever the map is.
+"""
+
+import numpy as np
+import pytest
+from teams import drawn, memories_equal
+
+from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
+from sparse_coord_ros.core.game.draws import REPLAY, draw
+from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners import memory as memories
+from sparse_coord_ros.core.learners import voi
+from sparse_coord_ros.core.learners.agent import NOBODY, Agent, Choice, Decision
+from sparse_coord_ros.core.learners.mind import memory_before
+from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.learners.table import met
+from sparse_coord_ros.core.learners.voi import ASKS, DOES_NOT_ASK, FORBIDDEN, Voi
+from sparse_coord_ros.core.runs.run import learn
+
+X, Y, Z, Z2 = 2, 3, 4, 5
+G = 0.95
+"""gamma"""
+ALPHA = 0.25
+COST = 1.5
+BY_COUNT = 1.0 / np.maximum(1.0, np.arange(99.0))
+"""alpha = 1 / n"""
+
+PAIR = {"robot_1": (1, 2), "robot_2": (2, 1)}
+THREE = {**PAIR, "robot_3": (3, 4)}
+
+
+def agent(robots=PAIR, **settings):
+    """Return robot 0 of a team on a tiny map, before learning; all U are 40."""
+    grid = "1..D..2" if robots is PAIR else "1..D..2\n3.....4"
+    chosen = {"step_size": f"constant:{ALPHA}", "q_coord_init": 40, "ask_cost": COST}
+    scenario = drawn(grid, robots, **{**chosen, **settings})
+    return Agent(learner_of("voi"), learner_of("voi").with_defaults(scenario), 0, 3)
+
+
+def set_rho(one, x, z, asks, values, peer=1):
+    """Set rho_j(x, z, .) or rho0_j."""
+    key = 2 * voi.place(one.task, x, peer, z) + asks
+    one.mind.rho.values[0, met(one.mind.rho, one.task, 0, key)] = values
+
+
+def rho(one, x, z, asks, peer=1):
+    """Return rho_j(x, z, .) or rho0_j."""
+    row = voi.row_of(one.mind.rho, one.task, 0, x, peer, z, asks)
+    return one.mind.rho.values[0, row].tolist()
+
+
+def set_moves(one, x, **moves):
+    """Set the model of moves in a cell: (tries, how many of them led out, to which cell)."""
+    for name, (tries, led, to) in moves.items():
+        b = {"north": NORTH, "south": SOUTH, "east": EAST, "west": WEST}[name]
+        one.mind.tries[0, x, b] = tries
+        one.mind.led[0, x, b] = led
+        one.mind.to[0, x, b] = to
+
+
+def step(one, number, x, move, y, seen=None, **reward):
+    """Let a robot learn from a step in which it asked; `seen`: its peers' cells, as answered."""
+    parts = {"individual": 0.0, "common": 0.0, "ask_cost": -COST, **reward}
+    partners = parts.pop("partners", 0)
+    action = Action(move, True, NOBODY, seen is not None)
+    choice = Choice(x, Decision(COORDINATE, one.peers), action, seen)
+    one.learn(number, choice, Reward(**parts, total=0.0, partners=partners), y)
+
+
+def transition(one, y, z_next, number=9):
+    """Return a transition that begins in y, with the peer in z'."""
+    return voi.Transition(
+        number, y, COORDINATE, 0, 2, [y, z_next], y, None, 0.0, 0.0, 0.0, 0
+    )
+
+
+# One robot: equation (1), and what it knows of its moves.
+
+
+def test_u_is_the_value_of_a_robot_alone():
+    one = agent(goal_value=100)
+    one.mind.u[0, X] = [1.0, 2.0, 8.0, 4.0]
+    one.mind.u[0, Y] = [10.0, 30.0, 20.0, 5.0]
+    set_moves(
+        one, X, east=(5, 4, Y), north=(4, 0, 0), west=(2, 1, one.goal), south=(3, 0, 0)
+    )
+    voi.learn_alone(one.mind, one.task, 0, X)
+    assert one.mind.u[0, X].tolist() == pytest.approx(
+        [
+            G * 8,  # a wall: it stays, and does its best there
+            2.0,  # three tries are no wall yet: not known
+            0.8 * G * 30 + 0.2 * G * 8,
+            0.5 * (10 + G * 100) + 0.5 * G * 8,
+        ]
+    )
+
+
+def test_before_learning_u_is_its_initial_value_and_asking_costs():
+    one = agent()
+    assert (one.mind.u[0] == 40).all() and (one.q_star[:, :4] == 40).all()
+    assert (one.q_star[:, COORDINATE] == 40 - COST).all()
+    assert agent(ask_cost=0).q_star[X, COORDINATE] == 40
+
+
+def test_a_step_counts_a_try_and_where_it_led():
+    one = agent()
+    step(one, 1, X, EAST, Y)
+    step(one, 3, X, EAST, X)
+    step(one, 5, X, WEST, 1)
+    mind = one.mind
+    assert mind.updates[0, X].tolist() == [0, 0, 2, 1, 3]
+    assert mind.tries[0, X].tolist() == [0, 0, 2, 1]
+    assert mind.led[0, X].tolist() == [0, 0, 1, 1]
+    assert mind.to[0, X].tolist() == [0, 0, Y, 1]
+    # a move without asking is no question
+    action = Action(NORTH, False, NOBODY, False)
+    one.learn(7, Choice(X, Decision(NORTH), action, None), Reward(0, 0, 0, 0), X)
+    assert mind.updates[0, X].tolist() == [1, 0, 2, 1, 3]
+    assert mind.answered[0, X] == 0
+
+
+def test_a_move_that_never_led_out_is_one_into_a_wall_after_four_tries():
+    one = agent()
+    for number in range(4):
+        assert one.q_star[X, NORTH] == 40
+        step(one, 1 + 2 * number, X, NORTH, X)
+    assert one.q_star[X, NORTH] == FORBIDDEN
+    # it leads nowhere for sure: its value is that of a wait
+    one.mind.u[0, X] = 80.0
+    voi.learn_alone(one.mind, one.task, 0, X)
+    assert one.mind.u[0, X, NORTH] == G * 80
+    # one that led out is none, and is known at once
+    step(one, 11, X, EAST, Y)
+    assert one.mind.u[0, X, EAST] == G * 40
+    set_moves(one, X, east=(9, 1, Y))
+    voi.refresh(one.mind, one.task, 0, X)
+    assert one.q_star[X, EAST] == one.mind.u[0, X, EAST]
+
+
+def test_each_cell_is_visited_once_and_one_is_learned_again_by_the_draw():
+    one = agent()
+    for number, x in enumerate([X, Y, X, 5, Y]):
+        step(one, 1 + 2 * number, x, EAST, x + 1)
+    assert one.mind.count[0, 0] == 3
+    assert one.mind.visited[0, :4].tolist() == [X, Y, 5, 0]
+    drawn_at = {n: int(3 * draw(one.task.keys[0], n, REPLAY)) for n in range(21, 99)}
+    number = next(n for n, place in drawn_at.items() if place == 2)
+    again = 5
+    for x in (X, Y, 5):
+        one.mind.u[0, x] = [0.0, 0.0, 0.0, 80.0]
+        one.mind.gain[0, x] = -7.0
+    step(one, number, Y, EAST, 4)
+    learned = {x for x in (X, Y, 5) if one.mind.u[0, x, EAST] != 0.0}
+    fresh = {x for x in (X, Y, 5) if one.q_star[x, WEST] == 80.0 - 7.0}
+    assert learned == fresh == {Y, again}
+
+
+def test_who_knows_the_map_begins_with_its_values_and_its_moves():
+    one = agent(q_coord_init=200, prior="map", move_success=0.7)
+    mind = one.mind
+    assert mind.tries[0, X].tolist() == [20] * 4 and not mind.updates.any()
+    assert mind.led[0, X].tolist() == [0, 0, 14, 14]
+    assert mind.to[0, X].tolist() == [0, 0, Y, 1]
+    assert mind.count[0, 0] == 7 and mind.visited[0].tolist() == list(range(7))
+    before = mind.u[0].copy()
+    for x in range(6):
+        voi.learn_alone(mind, one.task, 0, x)
+    assert mind.u[0] == pytest.approx(before)
+    assert one.q_star[X, COORDINATE] == before[X].max() - COST
+    # a first step adds no cell, and rare success leaves a way
+    step(one, 1, X, EAST, Y)
+    assert mind.count[0, 0] == 7
+    rare = agent(q_coord_init=200, prior="map", move_success=0.01).mind
+    assert rare.led[0, X].tolist() == [0, 0, 1, 1]
+
+
+# Equations (2) to (4).
+
+
+def test_q_c_is_u_and_the_correction_of_the_one_peer():
+    one = agent()
+    one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
+    set_rho(one, X, Z, ASKS, [-1.0, 5.0, -3.0, 0.0])
+    set_rho(one, X, Z, DOES_NOT_ASK, [-9.0, -9.0, -9.0, -9.0])
+    assert one.values_asking(X, (Z,)) == [0.0, 7.0, 0.0, 4.0]
+    assert one.values_asking(X, (Z2,)) == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_of_several_peers_the_worst_one_counts_and_none_adds_value():
+    one = agent(THREE)
+    set_rho(one, X, Z, ASKS, [-1.0, 5.0, -3.0, 0.0], peer=1)
+    set_rho(one, X, Z2, ASKS, [-4.0, 6.0, -2.0, 1.0], peer=2)
+    assert one.values_asking(X, (Z, Z2)) == [36.0, 40.0, 37.0, 40.0]
+    assert one.values_asking(X, (Z, Z)) == [39.0, 40.0, 37.0, 40.0]
+    assert one.values_asking(X, (Z2, Z)) == [40.0] * 4
+
+
+def test_values_are_set_whatever_they_were():
+    one = agent(THREE)
+    set_rho(one, X, Z, ASKS, [-1.0, 1.0, -3.0, 0.0])
+    for before in (-9.0, 9.0):
+        values = [before] * 4
+        one.learner.asking_values(one.mind, one.task, 0, X, 6, [X, Z, Z], values)
+        assert values == [39.0, 40.0, 37.0, 40.0]
+
+
+def test_a_failed_percept_is_worth_what_no_question_is_worth():
+    one = agent()
+    one.mind.q_star[0, X] = [1.0, 2.0, 3.0, 4.0, 9.0]
+    assert one.values_asking(X, None) == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_means_move_toward_what_the_peers_cell_changes():
+    one = agent()
+    one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
+    one.mind.gain[0, X] = 8.0
+    set_rho(one, X, Z, ASKS, [5.0, -2.0, 0.0, -2.0])
+    set_rho(one, X, Z, DOES_NOT_ASK, [0.0, -4.0, 4.0, 8.0])
+    voi.learn_means(one.mind, one.task, 0, transition(one, X, Z))
+    best = 1 + 5
+    assert one.mind.gain[0, X].tolist() == [
+        *(8 + ALPHA * (0 - 8), 8 + ALPHA * (-4 - 8)),
+        *(8 + ALPHA * (4 - 8), 8.0),
+        8 + ALPHA * (best - 4 - 8),
+    ]
+    voi.refresh(one.mind, one.task, 0, X)
+    assert one.q_star[X].tolist() == [
+        *(1 + 6.0, 2 + 5.0, 3 + 7.0, 4 + 8.0),
+        4 + (8 + ALPHA * (best - 4 - 8)) - COST,
+    ]
+    assert (one.mind.gain[0, Y] == 0).all()
+
+
+def test_the_first_mean_is_the_first_value_and_the_second_of_both():
+    one = agent(step_size="floored:1:0:0")
+    for cell, value in ((Z, -6.0), (Z2, -2.0)):
+        set_rho(one, X, cell, ASKS, [value] * 4)
+        set_rho(one, X, cell, DOES_NOT_ASK, [2 * value] * 4)
+        voi.learn_means(one.mind, one.task, 0, transition(one, X, cell))
+    assert one.mind.gain[0, X].tolist() == [-8.0] * 4 + [-4.0]
+    assert one.mind.arrivals[0, X] == 2
+
+
+def test_means_count_arrivals_alone():
+    one = agent()
+    met_at = [X, X, Y, X, X]
+    for number, x in enumerate(met_at):
+        step(one, 1 + number, x, EAST, (met_at[1:] + [Y])[number], (Z,))
+    assert one.mind.arrivals[0].tolist() == [0, 0, 2, 1, 0, 0, 0]
+    one.begin_episode()
+    step(one, 99, X, EAST, X, (Z,))
+    assert one.mind.arrivals[0, X] == 3
+
+
+def test_without_an_answer_nothing_is_learned_of_peers():
+    one = agent(perception="probability:0.5")
+    step(one, 1, X, EAST, X, (Z,))
+    step(one, 2, X, EAST, X, None)
+    step(one, 3, X, EAST, Y, (Z2,))
+    step(one, 4, Y, EAST, Y, None)
+    assert one.mind.rho.used[0] == 1 and one.mind.peer.used[0] == 1
+    assert one.mind.arrivals[0].tolist() == [0, 0, 1, 0, 0, 0, 0]
+    assert one.mind.answered[0].tolist() == [0, 0, 2, 0, 0, 0, 0]
+    assert one.mind.updates[0, :, COORDINATE].tolist() == [0, 0, 3, 1, 0, 0, 0]
+    # two answers in a row, but of two episodes
+    step(one, 5, Y, EAST, Y, (Z,))
+    one.begin_episode()
+    step(one, 20, X, EAST, Y, (Z,))
+    assert one.mind.rho.used[0] == 1
+    step(one, 21, Y, EAST, Y, (Z2,))
+    assert one.mind.rho.used[0] == 3 and one.mind.peer.used[0] == 2
+
+
+# Equation (6).
+
+
+def test_v_is_what_it_will_do():
+    one = agent()
+    one.mind.u[0, Y] = [1.0, 2.0, 3.0, 4.0]
+    set_rho(one, Y, Z2, ASKS, [6.0, 0.0, 5.0, 0.0])
+    set_rho(one, Y, Z2, DOES_NOT_ASK, [5.0, -4.0, 7.0, -9.0])
+    one.mind.q_star[0, Y] = [10.0, 30.0, 20.0, 0.0, 30.5]
+    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 8.0 - COST
+    # the best move by Q*, not by U, and of equal ones the first
+    for asking in (30.0, 29.0):
+        one.mind.q_star[0, Y] = [10.0, 30.0, 30.0, 0.0, asking]
+        assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 2.0 - 4.0
+    one.mind.q_star[0, Y, NORTH] = 30.0
+    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 1.0 + 5.0
+    one.mind.q_star[0, Y, WEST] = 31.0
+    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 4.0 - 9.0
+
+
+def test_in_larger_teams_each_peer_pays_its_share_of_a_question():
+    one = agent(THREE)
+    assert voi.value_asking(one.mind, one.task, 0, 2, Y, Z2) == 40 - COST / 2
+
+
+def test_where_questions_fail_the_share_of_answers_counts():
+    one = agent(perception="probability:0.5")
+    one.mind.u[0, Y] = [1.0, 2.0, 3.0, 4.0]
+    set_rho(one, Y, Z2, ASKS, [6.0, 0.5, 0.0, 0.0])
+    one.mind.q_star[0, Y] = [0.0, 9.0, 0.0, 0.0, 0.0]
+    one.mind.updates[0, Y, COORDINATE] = 7
+    one.mind.answered[0, Y] = 1
+    expected = 0.25 * 7.0 + 0.75 * 2.5 - COST
+    assert voi.value_asking(one.mind, one.task, 0, 1, Y, Z2) == expected
+
+
+# Equation (5).
+
+
+def test_a_move_leaves_as_often_as_it_did_with_the_peer_there():
+    one = agent()
+    set_moves(one, X, east=(5, 4, Y))
+    given = met(one.mind.given, one.task, 0, voi.place(one.task, X, 1, Z2))
+    assert voi.chance_to_leave(one.mind, 0, X, EAST, given) == 0.8
+    one.mind.given.updates[0, given, EAST] = 6
+    one.mind.given.values[0, given, EAST] = 1
+    assert voi.chance_to_leave(one.mind, 0, X, EAST, given) == (1 + 2 * 0.8) / (6 + 2)
+
+
+def counted(one, x=X, z_next=Z2):
+    """Return how often moves were tried in x with the peer then in z', and led out."""
+    row = voi.find(one.mind.given, 0, voi.place(one.task, x, 1, z_next))
+    updates = one.mind.given.updates[0, row].tolist()
+    return updates, one.mind.given.values[0, row].tolist()
+
+
+def test_moves_are_counted_with_the_peer_where_it_went():
+    one = agent()
+    for number, (move, y) in enumerate([(EAST, Y), (EAST, X), (WEST, 1)]):
+        step(one, 1 + 10 * number, X, move, y, (Z,))
+        step(one, 2 + 10 * number, y, NORTH, y, (Z2,))
+        one.begin_episode()
+    assert counted(one) == ([0, 0, 2, 1], [0, 0, 1, 1])
+    assert counted(one, z_next=Z) == ([0] * 4, [0] * 4)
+
+
+def test_a_move_that_leads_home_is_not_counted_as_arrivals_are_not():
+    one = agent()
+    before = one.goal - 1
+    set_moves(one, before, east=(5, 4, one.goal))
+    step(one, 1, before, EAST, before, (Z,))
+    step(one, 2, before, WEST, before, (Z2,))
+    step(one, 3, before, WEST, before, (Z2,))
+    assert counted(one, before) == ([0, 0, 0, 1], [0] * 4)
+
+
+def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
+    one = agent(goal_value=100)
+    set_moves(one, X, east=(5, 4, Y), west=(5, 4, one.goal))
+    one.mind.q_star[0, Y] = [0.0, 0.0, 1.0, 0.0, 0.0]
+    set_rho(one, Y, Z2, DOES_NOT_ASK, [0.0, 0.0, -4.0, 0.0])
+    key = voi.place(one.task, X, 1, Z) * one.task.cells + Z2
+    peer = met(one.mind.peer, one.task, 0, key)
+    felt = met(one.mind.felt, one.task, 0, voi.place(one.task, Y, 1, Z2))
+    one.mind.felt.values[0, felt, 0] = -20.0
+
+    def after(b):
+        return voi.after_leaving(one.mind, one.task, 0, 1, X, b, Z2, peer)
+
+    assert after(EAST) == -20 + G * (40 - 4)  # never made
+    one.mind.peer.updates[0, peer, EAST] = 1
+    one.mind.peer.values[0, peer, EAST] = -7.0
+    assert after(EAST) == -7 + G * (40 - 4)
+    assert after(WEST) == 10 + G * 100  # nothing was felt at the goal
+    one.mind.peer.updates[0, peer, WEST] = 1
+    one.mind.peer.values[0, peer, WEST] = -3.0
+    assert after(WEST) == -3 + 10 + G * 100
+
+
+def test_a_choice_holds_while_the_robot_stays():
+    one = agent()
+    one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
+    set_rho(one, X, Z2, ASKS, [0.0, 9.0, 0.0, 0.0])
+    set_rho(one, X, Z2, DOES_NOT_ASK, [-1.0, -2.0, -3.0, -4.0])
+    felt = met(one.mind.felt, one.task, 0, voi.place(one.task, X, 1, Z2))
+    one.mind.felt.values[0, felt, 0] = -20.0
+    for asking in (-99.0, 99.0):  # whatever it would do now
+        one.mind.q_star[0, X] = [0.0, 0.0, 0.0, 50.0, asking]
+        for b in range(4):
+            stays = [
+                voi.after_staying(one.mind, one.task, 0, 1, X, b, Z2, asks)
+                for asks in (ASKS, DOES_NOT_ASK)
+            ]
+            assert stays == [-20 + G * (11 - COST), -20.0]
+
+
+def test_a_move_that_was_not_made_counts_by_the_probability_of_the_peers_step():
+    made = [3, 1, 0, 7]
+    went = [3, 0, 0, 1]
+    share = 4 / 11
+    chance = [(3 + share) / 4, share / 2, share, (1 + share) / 8]
+    for move in range(4):
+        weights = [voi.weight_of(made, went, share, b, move) for b in range(4)]
+        assert weights == pytest.approx([min(2.0, p / chance[move]) for p in chance])
+        assert weights[move] == 1.0
+
+
+def taught(common=0.0):
+    """Return a robot before it learns from a peer, and the numbers of its moves.
+
+    North is a wall, south not known; east leads to Y, where it asks, west to 1, where it goes
+    south without asking.
+    """
+    one = agent()
+    one.mind.u[0, X] = [10.0, 20.0, 30.0, 40.0]
+    one.mind.u[0, Y] = [50.0, 60.0, 70.0, 80.0]
+    set_moves(one, X, north=(4, 0, 0), south=(3, 0, 0), east=(4, 3, Y), west=(2, 1, 1))
+    one.mind.q_star[0, Y] = [0.0, 0.0, 0.0, 1.0, 2.0]
+    one.mind.q_star[0, 1] = [0.0, 3.0, 0.0, 0.0, 2.0]
+    one.mind.q_star[0, X] = [0.0, 0.0, 5.0, 0.0, 0.0]
+    set_rho(one, Y, Z2, ASKS, [0.0, 30.0, 0.0, -9.0])
+    set_rho(one, 1, Z2, DOES_NOT_ASK, [0.0, -8.0, 0.0, 0.0])
+    set_rho(one, X, Z2, ASKS, [0.0, 0.0, 0.0, 2.0])
+    set_rho(one, X, Z2, DOES_NOT_ASK, [-1.0, 0.0, -3.0, -5.0])
+    set_rho(one, X, Z, ASKS, [-2.0, -2.0, -2.0, -2.0])
+    set_rho(one, X, Z, DOES_NOT_ASK, [-6.0, -6.0, -6.0, -6.0])
+    return one
+
+
+def test_a_step_of_a_peer_teaches_all_known_moves():
+    one = taught()
+    # It went east to Y, the peer from Z to Z2, and both paid.
+    learned = transition(one, Y, Z2)
+    voi.learn_from_peer(one.mind, one.task, 0, learned, 1, X, EAST, Z, Z2, -20.0)
+    # With the peer in Z2 east led out 1 of 1 time, and 2 times 3 of 4; west 2 times 1 of 2.
+    leaves = {NORTH: 0.0, EAST: (1 + 1.5) / 3, WEST: 1 / 2}
+    after = {NORTH: 0.0, EAST: -20 + G * (90 - COST), WEST: G * (40 - 8)}
+    asks_on = G * (42 - COST)
+    goes_on = {NORTH: G * (10 - 1), EAST: G * (30 - 3), WEST: G * (40 - 5)}
+    # All that is known of the peer's step: it followed one move east.
+    weight = {NORTH: 1.0, EAST: 1.0, WEST: 1.0}
+    u = one.mind.u[0, X]
+    asks = [-2.0] * 4
+    not_asks = [-6.0] * 4
+    for b, out in leaves.items():
+        size = ALPHA * weight[b]
+        target = out * after[b] + (1 - out) * asks_on - u[b]
+        asks[b] += size * (target - asks[b])
+        target = out * after[b] + (1 - out) * goes_on[b] - u[b]
+        not_asks[b] += size * (target - not_asks[b])
+    assert rho(one, X, Z, ASKS) == pytest.approx(asks)
+    assert rho(one, X, Z, DOES_NOT_ASK) == pytest.approx(not_asks)
+    # South is not known: nothing was learned of it.
+    assert asks[SOUTH] == -2 and not_asks[SOUTH] == -6
+
+
+def test_steps_that_other_moves_make_unlikely_count_less():
+    one = taught()
+    peer = met(
+        one.mind.peer,
+        one.task,
+        0,
+        voi.place(one.task, X, 1, Z) * one.task.cells + Z2,
+    )
+    asking = voi.row_of(one.mind.rho, one.task, 0, X, 1, Z, ASKS)
+    one.mind.peer.updates[0, peer] = [2, 1, 2, 1]
+    one.mind.rho.updates[0, asking] = [5, 3, 2, 1]
+    learned = transition(one, Y, Z2)
+    before = np.array(rho(one, X, Z, ASKS))
+    voi.learn_from_peer(one.mind, one.task, 0, learned, 1, X, EAST, Z, Z2, 0.0)
+    share = 7 / 12
+    chance = [(2 + share) / 6, None, (3 + share) / 4, (1 + share) / 2]
+    for b, target in (
+        (NORTH, G * (42 - COST) - 10),
+        (WEST, 0.5 * G * 32 + 0.5 * G * (42 - COST) - 40),
+    ):
+        size = ALPHA * chance[b] / chance[EAST]
+        expected = before[b] + size * (target - before[b])
+        assert rho(one, X, Z, ASKS)[b] == pytest.approx(expected)
+
+
+def test_the_step_size_is_that_of_the_next_step_of_the_peer_and_at_most_1():
+    one = taught()
+    one.task = one.task._replace(step_sizes=memoryview(BY_COUNT))
+    one.task = one.task._replace(floors=memoryview(np.zeros(99)))
+    learned = transition(one, Y, Z2)
+    target = G * (42 - COST) - 10
+    expected = -2.0
+    for n in (2, 3):
+        voi.learn_from_peer(one.mind, one.task, 0, learned, 1, X, EAST, Z, Z2, 0.0)
+        share = 1.0
+        weight = min(2.0, share / ((n - 1 + share) / n))
+        expected += weight / n * (target - expected)
+        assert rho(one, X, Z, ASKS)[NORTH] == pytest.approx(expected)
+    one = taught()
+    one.task = one.task._replace(floors=memoryview(np.ones(99)))
+    asking = voi.row_of(one.mind.rho, one.task, 0, X, 1, Z, ASKS)
+    one.mind.rho.updates[0, asking] = [1, 0, 9, 0]
+    key = voi.place(one.task, X, 1, Z) * one.task.cells + Z2
+    one.mind.peer.updates[0, met(one.mind.peer, one.task, 0, key), NORTH] = 1
+    voi.learn_from_peer(one.mind, one.task, 0, learned, 1, X, EAST, Z, Z2, 0.0)
+    # the peer's step was rare after east: north would count twice, but not more than all
+    assert rho(one, X, Z, ASKS)[NORTH] == pytest.approx(target)
+
+
+def test_r_c_counts_as_often_as_credit_says_with_the_peers_that_were_there():
+    for credit, weight in (("team", 3), ("own", 1)):
+        one = agent(THREE, credit=credit)
+        set_moves(one, X, east=(4, 4, Y))
+        step(one, 1, X, EAST, Y, (Z, Z), common=-20.0, partners=0b100)
+        step(one, 2, Y, NORTH, Y, (Z2, Z2))
+        u = one.mind.u[0]
+        assert rho(one, X, Z, ASKS, peer=1)[EAST] == pytest.approx(
+            ALPHA * (G * (u[Y].max()) - u[X, EAST])
+        )
+        assert rho(one, X, Z, ASKS, peer=2)[EAST] == pytest.approx(
+            ALPHA * (-20 * weight + G * (u[Y].max()) - u[X, EAST])
+        )
+
+
+def test_a_step_that_stays_tells_what_is_felt_there_not_what_the_move_brings():
+    one = agent()
+    step(one, 1, X, EAST, X, (Z,), common=-20.0, partners=0b10)
+    step(one, 2, X, EAST, X, (Z2,))
+    key = voi.place(one.task, X, 1, Z) * one.task.cells + Z2
+    peer = voi.find(one.mind.peer, 0, key)
+    felt = voi.find(one.mind.felt, 0, voi.place(one.task, X, 1, Z2))
+    assert one.mind.peer.updates[0, peer].tolist() == [0, 0, 1, 0]
+    assert one.mind.peer.values[0, peer].tolist() == [0.0] * 4
+    assert one.mind.felt.values[0, felt, 0] == -40.0
+
+
+# What it does.
+
+
+def test_while_it_learns_it_asks_in_every_step_and_explores_its_moves():
+    one = agent(epsilon="constant:1")
+    asked = Decision(COORDINATE, (1,))
+    assert {one.decide(number, X) for number in range(40)} == {asked}
+    moves = [one.act(number, X, asked, (Z,)).move for number in range(200)]
+    assert set(moves) == {0, 1, 2, 3}
+    # Of five actions it explored one is to ask: then it is greedy by Q^C.
+    set_rho(one, X, Z, ASKS, [0.0, 0.0, 90.0, 0.0])
+    east = [one.act(number, X, asked, (Z,)).move == EAST for number in range(200)]
+    assert 0.3 < np.mean(east) < 0.5
+
+
+def test_without_exploring_it_moves_as_it_would_without_asking():
+    one = agent(epsilon="constant:0")
+    one.mind.q_star[0, X] = [0.0, 9.0, 0.0, 0.0, 5.0]
+    set_rho(one, X, Z, ASKS, [0.0, 0.0, 90.0, 0.0])
+    asked = Decision(COORDINATE, (1,))
+    assert one.act(1, X, asked, (Z,)).move == SOUTH
+    one.mind.q_star[0, X, COORDINATE] = 10.0
+    assert one.act(1, X, asked, (Z,)).move == EAST
+
+
+def test_where_it_sees_its_peers_it_asks_only_where_its_policy_does():
+    one = agent(epsilon="constant:0", peers_seen="while_learning")
+    one.mind.q_star[0, X] = [0.0, 9.0, 0.0, 0.0, 5.0]
+    set_rho(one, X, Z, ASKS, [0.0, 0.0, 90.0, 0.0])
+    assert one.decide(1, X) == Decision(SOUTH)
+    asked = Decision(COORDINATE, (1,))
+    assert one.act(1, X, asked, (Z,)).move == EAST
+    one.mind.q_star[0, X, COORDINATE] = 10.0
+    assert one.decide(1, X) == asked
+
+
+# Patience.
+
+
+def waiting(team=THREE, **settings):
+    """Return a greedy robot in X: its way is east, west a way back, north a wall; it waits."""
+    one = agent(team, **settings)
+    one.learning = False
+    one.task = one.task._replace(learning=False)
+    one.mind.u[0, X] = [80.0, 0.0, 100.0, 60.0]
+    set_moves(one, X, north=(9, 0, 0), east=(9, 9, Y), west=(9, 9, 1))
+    set_rho(one, X, Y, ASKS, [0.0, 0.0, -90.0, 0.0], peer=1)
+    set_rho(one, X, Z, ASKS, [0.0, 0.0, -50.0, 0.0], peer=2)
+    one.begin_episode()
+    return one
+
+
+def moves_of(one, answers, x=X):
+    """Return the moves after these answers: the peers' cells."""
+    asked = Decision(COORDINATE, one.peers)
+    return [one.act(n, x, asked, cells).move for n, cells in enumerate(answers)]
+
+
+def test_waiting_loses_value_with_each_answer_in_which_nobody_moved():
+    # 80 * 0.95^6 < 60: the first answer finds nobody that stood, four more are for nothing
+    moves = moves_of(waiting(), [(Y, Z)] * 20)
+    assert moves == [NORTH] * 10 + [WEST] * 10
+
+
+def test_a_step_of_the_peer_in_the_way_begins_the_count_again_no_other_one():
+    one = waiting()
+    assert moves_of(one, [(Y, Z)] * 9) == [NORTH] * 9
+    assert moves_of(one, [(Y, Z2)] * 2) == [NORTH, WEST]
+    # The peer in its way is now the one in Z; when it moves, all begins again.
+    one = waiting()
+    set_rho(one, X, Y, ASKS, [0.0, 0.0, -40.0, 0.0], peer=1)
+    assert moves_of(one, [(Y, Z)] * 11)[-1] == WEST
+    set_rho(one, X, Z2, ASKS, [0.0, 0.0, -50.0, 0.0], peer=2)
+    assert moves_of(one, [(Y, Z2)] * 10) == [NORTH] * 10
+    assert moves_of(one, [(Y, Z2)]) == [WEST]
+
+
+def test_an_own_step_and_a_new_episode_begin_the_count_again():
+    one = waiting()
+    assert moves_of(one, [(Y, Z)] * 11)[-1] == WEST
+    moves_of(one, [(Y, Z)], x=1)
+    assert moves_of(one, [(Y, Z)] * 11) == [NORTH] * 10 + [WEST]
+    one.begin_episode()
+    assert moves_of(one, [(Y, Z)] * 11) == [NORTH] * 10 + [WEST]
+
+
+def test_of_peers_that_are_as_bad_the_first_one_is_in_the_way():
+    one = waiting()
+    set_rho(one, X, Z, ASKS, [0.0, 0.0, -90.0, 0.0], peer=2)
+    set_rho(one, X, Z2, ASKS, [0.0, 0.0, -90.0, 0.0], peer=2)
+    assert moves_of(one, [(Y, Z), (Y, Z2)] * 10)[-1] == WEST
+    # also where no peer is in the way
+    one = waiting()
+    one.mind.u[0, X, EAST] = 70.0
+    set_rho(one, X, Y, ASKS, [9.0, 9.0, 9.0, 9.0], peer=1)
+    set_rho(one, X, Z, ASKS, [9.5, 9.5, 9.5, 9.5], peer=2)
+    set_rho(one, X, Z2, ASKS, [9.5, 9.5, 9.5, 9.5], peer=2)
+    assert moves_of(one, [(Y, Z), (Y, Z2)] * 10)[-1] == EAST
+
+
+def test_a_pair_waits_and_so_does_who_had_no_answer():
+    one = waiting(PAIR)
+    assert moves_of(one, [(Y,)] * 30) == [NORTH] * 30
+    one = waiting()
+    one.mind.q_star[0, X] = [9.0, 0.0, 0.0, 0.0, 0.0]
+    assert moves_of(one, [None] * 30) == [NORTH] * 30
+
+
+def test_only_the_value_of_waiting_is_lost_and_no_loss_gets_smaller():
+    one = waiting()
+    set_moves(one, X, north=(9, 1, 0))
+    assert moves_of(one, [(Y, Z)] * 30) == [NORTH] * 30
+    one = waiting()
+    one.mind.u[0, X] = [-50.0, -60.0, -55.0, -60.0]
+    values = [-50.0, -60.0, -145.0, -60.0]
+    for _ in range(30):
+        voi.patience(one.mind, one.task, 0, X, [X, Y, Z], values)
+    assert values == [-50.0, -60.0, -145.0, -60.0]
+
+
+# Files, sizes, and what it refuses.
+
+
+def test_another_run_begins_with_its_values_without_its_counts():
+    one = agent()
+    set_moves(one, X, east=(4, 3, Y))
+    for number in range(4):
+        step(one, 1 + number, X, EAST, X, (Z,), common=-20.0, partners=0b10)
+    one.begin_episode()
+    step(one, 9, X, EAST, X, (Z,))
+    memory = one.memory()
+    assert "row" not in memory
+    begun = memories.taught(one.scenario, one.learner, 0, memory)
+    for name in ("q_star", "u", "gain", "rho_keys", "rho_values"):
+        assert memory[name].any() and np.array_equal(memory[name], begun[name])
+    for name in ("updates", "answered", "arrivals", "rho_updates", "last"):
+        assert memory[name].any() and not begun[name].any()
+
+
+def test_tables_grow_with_what_was_met_not_with_joint_states():
+    scenario = learner_of("voi").with_defaults(load_scenario("building-3x2x4-32r-0"))
+    begun = memory_before(learner_of("voi"), scenario, 0)
+    cells = len(scenario.map.cells)
+    assert max(array.size for array in begun.values()) <= 5 * cells
+    for name in ("rho", "given", "peer", "felt"):
+        assert len(begun[f"{name}_keys"]) == 0
+    one = Agent(learner_of("voi"), scenario, 0, 3)
+    peers = len(one.peers)
+    place = one.mind.rho.values.shape[1]
+    seen = tuple(range(40, 40 + peers))
+    for number in range(40):
+        step(one, 1 + number, number, EAST, number + 1, seen)
+    assert one.mind.rho.used[0] == 2 * peers * 39 + 1
+    assert one.mind.peer.used[0] == one.mind.given.used[0] == peers * 39 + 1
+    assert one.mind.felt.used[0] == peers * 39 + 1
+    assert place < one.mind.rho.values.shape[1] < 2 * one.mind.rho.used[0] + 2 * place
+    assert learner_of("voi").rows_of_a_cell(scenario) == peers * cells
+
+
+def test_keys_of_cells_and_peers_are_different():
+    task = agent(THREE).task
+    keys = {
+        voi.place(task, x, j, z)
+        for x in range(task.cells)
+        for j in range(task.robots)
+        for z in range(task.cells)
+    }
+    assert keys == set(range(task.cells**2 * task.robots))
+    one = agent(THREE)
+    assert one.mind.rho.most == 2 * len(keys)
+    assert one.mind.given.most == one.mind.felt.most == len(keys)
+    assert one.mind.peer.most == len(keys) * task.cells
+
+
+def test_several_peers_are_asked_at_once():
+    assert agent(THREE).scenario.peers == "all"
+    with pytest.raises(SettingError, match="peers: value is 'one', allowed with learn"):
+        learner_of("voi").check(agent(THREE, peers="one").scenario)
+    learner_of("voi").check(agent(THREE).scenario)
+    learner_of("voi").check(agent(PAIR, peers="one").scenario)
+    with pytest.raises(SettingError, match="setting prior_success"):
+        learner_of("voi").check(agent(prior_success=0.5).scenario)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "weight"),
+    [
+        ("env1", {}, 2),
+        ("crowd-8r", {}, 8),
+        ("building-3x2x4-16r-0", {}, 8),
+        ("building-3x2x4-16r-0", {"credit": "team"}, 16),
+    ],
+)
+def test_r_c_counts_for_the_team_up_to_eight_times(name, settings, weight):
+    chosen = load_scenario(name).with_settings(settings)
+    scenario = learner_of("voi").with_defaults(chosen)
+    assert Voi().weights(scenario).common == weight
+
+
+def test_where_answers_always_come_it_learns_the_same_with_and_without_seeing():
+    """What it knows of its peers is the same then; where they fail it is not."""
+    tables = {}
+    for perception in ("always", "probability:0.5"):
+        for seen in ("when_asked", "while_learning"):
+            scenario = load_scenario("env1", steps=600, penalty=-100).with_settings(
+                perception=perception, peers_seen=seen
+            )
+            tables[perception, seen] = [
+                dict(one.memory) for one in learn(scenario, "voi", 5)
+            ]
+    asked = tables["always", "when_asked"]
+    saw = tables["always", "while_learning"]
+    for one, other in zip(asked, saw, strict=True):
+        assert one["rho_values"].any() and one["gain"].any()
+        # it asks in every step, or where its policy does
+        assert one.pop("answered").sum() > other.pop("answered").sum() > 0
+        one["updates"] = one["updates"][:, :COORDINATE]
+        other["updates"] = other["updates"][:, :COORDINATE]
+        assert memories_equal(one, other)
+    one, _ = tables["probability:0.5", "when_asked"]
+    other, _ = tables["probability:0.5", "while_learning"]
+    assert len(one["peer_keys"]) < len(other["peer_keys"])
