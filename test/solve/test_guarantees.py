@@ -24,10 +24,13 @@ from asking_operator import (
     informed,
     limit,
     means,
+    meetings,
     occupancy,
     values,
 )
 
+from sparse_coord_ros.api import train
+from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.solve.asking_search import LETTERS
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
@@ -434,6 +437,54 @@ def test_what_the_best_team_of_env1_loses_to_an_informed_robot(env1):
         assert 400 < kappa(game) < 600
         found += [loss, bound]
     assert np.round(found, 2) == pytest.approx([2.37, 2.48, 1.16, 1.16])
+
+
+def learned_and_exact(scenario, tables):
+    """Yield how far what each robot learned is from the exact values of its decisions.
+
+    Four numbers: the mean difference of Q^C, weighted by visits; the greatest one in joint states
+    with at least 0.015 visits an episode; the number of cells in which another decision is better
+    by the exact means; what small changes in these would gain from the start on.
+    """
+    decided = [table.q_star.argmax(axis=1) for table in tables]
+    team = [acting(tables[k].q_coord, decided[k]) for k in range(2)]
+    often = meetings(scenario, team, held=False)
+    starts = [robot.start for robot in scenario.robots]
+    for k, game in enumerate(games_of(scenario, team, held=True)):
+        pair = np.zeros((2, *game.reward.shape))
+        pair = limit(held_backup, game, pair, decided[k])
+        apart = abs(tables[k].q_coord - pair[1]).max(axis=2)
+        met = np.where(game.goals[:, None], 0.0, often[k])
+        star = held_means(game, pair)
+        worse = star.max(axis=1) - star[np.arange(len(star)), decided[k]]
+        worse[game.goals] = 0.0
+        begin = np.zeros_like(met)
+        begin[starts[k], starts[1 - k]] = 1.0
+        visits = occupancy(game, team[k], begin).sum(axis=1)
+        yield (
+            (met * apart).sum() / met.sum(),
+            apart[met > 0.015].max(),
+            (worse > 0.01).sum(),
+            visits @ worse,
+        )
+
+
+@pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+@pytest.mark.parametrize(
+    ("name", "mean", "most", "cells", "gain"),
+    [
+        ("env1", 6.0, 60.0, 0, 0.01),
+        pytest.param("pentagon", 8.0, 200.0, 20, 3.0, marks=pytest.mark.long),
+        pytest.param("env2-2r", 6.0, 200.0, 20, 3.0, marks=pytest.mark.long),
+    ],
+)
+def test_what_voi_learns_is_near_a_fixed_point(name, mean, most, cells, gain):
+    settings = {"penalty": -100, "steps": 100_000, "peers_seen": "while_learning"}
+    scenario = load_scenario(name, **settings)
+    for seed in range(3):
+        tables = train(scenario, "voi", seed=seed).tables
+        for found in learned_and_exact(scenario, tables):
+            assert (np.array(found) <= (mean, most, cells, gain)).all()
 
 
 def settles(operator, game, tables=()):
