@@ -649,6 +649,16 @@ def test_of_moves_that_are_as_good_alone_the_first_one_is_its_way():
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [NORTH, WEST, WEST]
 
 
+def test_its_way_may_be_north():
+    one = waiting()
+    one.mind.u[0, X] = [100.0, 100.0, 80.0, 60.0]
+    set_moves(one, X, north=(9, 9, 0), east=(9, 0, 0))
+    set_rho(one, X, Y, ASKS, [-90.0, 0.0, 0.0, 0.0], peer=1)
+    for cell in (Z, Z2):
+        set_rho(one, X, cell, ASKS, [0.0, -90.0, 0.0, 0.0], peer=2)
+    assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [EAST, WEST, WEST]
+
+
 def test_robot_0_may_be_in_the_way_too():
     one = Agent(learner_of("voi"), agent(THREE).scenario, 1, 3, learning=False)
     mind = one.mind
