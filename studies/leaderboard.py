@@ -31,7 +31,6 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.studies.lists import LISTS, PENALTY, items_of
 
 ENTRIES = {
-    "factored": ("factored", {}),
     "coop": ("coop", {}),
     "always asks": (Always, {}),
     "cq": ("cq", {"peers": "all"}),
@@ -43,7 +42,13 @@ ENTRIES = {
 }
 """Learner and its own settings, by the entry's title; studies/tuned.yaml has the others."""
 
+ONLY = {"voi, peers seen": ("percepts",)}
+"""Lists of an entry that does elsewhere as another one: where no question fails, `voi` learns the
+same bits with both values of `peers_seen`."""
+
 UNTUNED = {
+    "voi": ("voi", {}),
+    "voi, peers seen": ("voi", {"peers_seen": "while_learning"}),
     "coop, the defaults": ("coop", {}),
     "independent, as its users start it": (
         "noncoop",
@@ -116,7 +121,7 @@ def judge(options) -> None:
     for name in options.lists:
         rows = []
         for title, (learner, own) in (ENTRIES | UNTUNED).items():
-            if title not in options.entries:
+            if title not in options.entries or name not in ONLY.get(title, [name]):
                 continue
             print(f"{name}: {title}", file=sys.stderr, flush=True)
             chosen = {} if title in UNTUNED else tuned.get(name, {}).get(title)

@@ -94,7 +94,7 @@ def teams(options) -> None:
     for name in options.scenarios or CROWDS:
         scenario = sc.load_scenario(name, penalty=PENALTY, steps=options.steps)
         found = sc.train_many(
-            scenario, "factored", runs=options.teams, trials=300, seed=SEED
+            scenario, "voi", runs=options.teams, trials=300, seed=SEED
         )
         order = np.argsort([run.measures.mean("returns") for run in found])
         judged = []
@@ -108,7 +108,7 @@ def teams(options) -> None:
             standard_error=measures.error("returns"),
             trials=options.trials,
             teams=len(found),
-            learner="factored",
+            learner="voi",
             steps=scenario.steps,
             seed=seed,
             game=game_digest(scenario),

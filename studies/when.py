@@ -42,7 +42,7 @@ from sparse_coord_ros.core.solve.advice import (
 )
 from sparse_coord_ros.core.solve.optimum import payment, successors
 
-LEARNER = "factored"
+LEARNER = "voi"
 """Whose teams the study is about; other learners stand beside it in one part."""
 
 PAIRS = [

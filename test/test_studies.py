@@ -17,6 +17,10 @@ RUNS = {
         "--lists swap-pairs --buildings 1 --teams 2 --trials 2 --steps 50",
         "share of the gap",
     ),
+    "fresh.py": (
+        "--rows sixteen --buildings 1 --runs 2 --trials 2 --set steps=20",
+        "| sixteen |",
+    ),
     "group_bound.py": ("env1 --size 2", "env1: 120.556"),
     "interactions.py": (
         "--kinds door --seeds 1 --runs 1 --steps 20",

@@ -124,7 +124,7 @@ def _play(
     world: World, team: GreedyTeam, recorder: HistoryRecorder
 ) -> Iterator[TeamTransition]:
     """Play an episode."""
-    world.begin_episode()
+    team.begin_episode(world)
     while not world.episode_over:
         step = world.step
         cells = tuple(world.cells)

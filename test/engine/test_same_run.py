@@ -134,6 +134,11 @@ PEERS_SEEN = {
         {"peers": "all", "perception": "probability:0.7"},
     ),
     "four, peers seen": ("env2-4r", "cq", {"max_steps": 30}),
+    "voi, peers seen": ("env1", "voi", {"perception": "probability:0.7"}),
+    "a lane, voi, peers seen": ("lane", "voi", {"max_steps": 40}),
+    "three, voi, peers seen": ("crowd-3r", "voi", {}),
+    "four, three kinds, peers seen": ("floor-4r", "voi", {"max_steps": 60}),
+    "sixteen": ("building-3x2x4-16r-0", "voi", {"steps": 320}),
 }
 """Robots that learn from the cells of all their peers."""
 
@@ -188,9 +193,6 @@ STOPS = (1, 63, 64, 301)
 OFTEN = (*range(1, 30, 2), 63, 64, 301)
 """In the middle of episodes and between two of them."""
 
-LEFT_OUT = ("alone", "asked", "passage", "narrow")
-"""Fields of a memory that are in no digest."""
-
 NAMES_THERE = {"returns": "reward"}
 """How the digests name an array."""
 
@@ -220,8 +222,7 @@ def said(memories, history=None, trials=None):
     """Return the digests of a run, as they are kept."""
     remembered = {}
     for k, memory in enumerate(memories, start=1):
-        kept = {name: memory[name] for name in memory if name not in LEFT_OUT}
-        remembered |= {f"{name}_{k}": array for name, array in kept.items()}
+        remembered |= {f"{name}_{k}": array for name, array in memory.items()}
     found = {"memories": digest(remembered)}
     if history is not None:
         found["history"] = digest(history._asdict())

@@ -146,3 +146,17 @@ def test_random_starts_are_uniform_never_the_goal_never_cut_off(make):
 def test_fixed_starts(setting, options):
     scenario = load_scenario("env2-4r").with_settings({"starts": setting})
     assert (starts(scenario, 50, **options) == [r.start for r in scenario.robots]).all()
+
+
+def test_the_world_says_who_was_with_whom():
+    scenario = load_scenario("env2-4r")
+    world = World(scenario, 0)
+    first, second = sorted(scenario.map.doorways)[:2]
+    world.cells = [first, second, first, second]
+    world.led = lambda k, move: world.cells[k]
+    stay = [go(NORTH)] * 4
+    assert [r.partners for r in world.advance(stay).rewards] == [4, 8, 1, 2]
+    world.cells = [first, second, first, 0]
+    rewards = world.advance(stay).rewards
+    assert [r.partners for r in rewards] == [4, 0, 1, 0]
+    assert [r.common for r in rewards] == [-20.0] * 4

@@ -7,9 +7,13 @@ import pytest
 from teams import tables_from_values, untrained, walking
 
 from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.core.game.draws import EVALUATION
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.core.game.world import World
+from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.evaluation import check_tables, play
+from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_team, play
+from sparse_coord_ros.core.runs.run import learn
 
 GAMMA = 0.95
 
@@ -77,3 +81,21 @@ def test_tables_of_no_numbers(name, value):
     bad = Tables(scenario, good.rule, 1, memory)
     with pytest.raises(TablesError, match=f"robot 2 of .*{name} has values"):
         check_tables(scenario, [good, bad, good], "coop")
+
+
+def test_robots_begin_each_greedy_episode_anew():
+    """Those of voi forget whom they saw stand in their way."""
+    voi = learner_of("voi")
+    scenario = voi.with_defaults(load_scenario("crowd-3r", steps=300))
+    team = greedy_team(scenario, learn(scenario, voi, 1), 0)
+    world = World(scenario, 0, phase=EVALUATION)
+    team.begin_episode(world)
+    begun = [agent.memory()["stood"].tolist() for agent in team.agents]
+    stood = set()
+    for _ in range(3):
+        while not world.episode_over:
+            world.advance(team.act(world))
+        stood |= {agent.memory()["stood"][0] >= 0 for agent in team.agents}
+        team.begin_episode(world)
+        assert [agent.memory()["stood"].tolist() for agent in team.agents] == begun
+    assert True in stood

@@ -110,3 +110,20 @@ def test_defaults_of_a_learner_hold_where_nobody_chose():
         run.to_yaml().replace("constant:0.5", "constant:0.25"), where="here"
     )
     assert str(again.scenario.epsilon) == "constant:0.25"
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "weight"),
+    [
+        ("env1", {}, 1),
+        ("env1", {"credit": "team"}, 2),
+        ("env2-4r", {"credit": "team"}, 4),
+        ("env2-4r", {"credit": "team", "common_reward": "each:1:0:2:1"}, 3),
+        ("env2-4r", {"credit": "weight:2.5"}, 2.5),
+        ("env2-4r", {"credit": "weight:0"}, 0),
+    ],
+)
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "voi"])
+def test_credit_of_every_learner(name, settings, weight, learner):
+    chosen = load_scenario(name).with_settings(settings)
+    assert learner_of(learner).weights(chosen) == RewardWeights(1.0, weight, 1.0)

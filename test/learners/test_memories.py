@@ -56,3 +56,13 @@ def test_joint_states_with_all_peers_are_not_those_with_one():
     )
     with pytest.raises(TablesError, match="q_coord_keys are not those of joint states"):
         check_memory(scenario.with_settings({"peers": "one"}), rule, 0, memory)
+
+
+@pytest.mark.parametrize(
+    ("learner", "other"),
+    [("coop", "voi"), ("voi", "coop"), ("noncoop", "voi"), ("voi", "noncoop")],
+)
+def test_tables_of_another_learner_are_refused(learner, other):
+    scenario, _, memory = learned(learner)
+    with pytest.raises(TablesError, match="tables do not match robot 1 of scenario"):
+        check_memory(scenario, learner_of(other), 0, memory)

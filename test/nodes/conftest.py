@@ -330,6 +330,8 @@ def simulate():
         world = World(scenario, seed)
         recorder = HistoryRecorder(len(everyone))
         said = SimpleNamespace(scenario=scenario, actions={}, rewards={}, percepts={})
+        for agent in agents:
+            agent.begin_episode()
         while world.transitions < scenario.steps:
             step = world.step
             choices = [chosen(agent, world, percepts) for agent in agents]
@@ -351,6 +353,8 @@ def simulate():
                         said.percepts[k, step] = (choices[k].cell, choices[k].perceived)
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()
+                for agent in agents:
+                    agent.begin_episode()
         said.tables = [agent.tables for agent in agents]
         said.history = recorder.history()
         return said

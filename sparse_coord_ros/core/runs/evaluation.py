@@ -45,6 +45,12 @@ class GreedyTeam:
         self.agents = agents
         self._percepts = Percepts(scenario, seed, EVALUATION)
 
+    def begin_episode(self, world: World) -> None:
+        """Let an episode begin, in the world and for every agent."""
+        world.begin_episode()
+        for agent in self.agents:
+            agent.begin_episode()
+
     def act(self, world: World) -> list[Action | None]:
         """Let every agent that has not arrived choose; None for agents that do not act."""
         actions: list[Action | None] = [None] * len(world.cells)

@@ -201,7 +201,7 @@ def drive(
     sent = driven_team.bodies
     found: list[tuple[Any, ...]] = []
     for episode in range(episodes):
-        world.begin_episode()
+        team.begin_episode(world)
         driven_team.followed = episode if episode < followed else None
         touched = len(simulator.touches)
         before = sent.seconds
