@@ -109,7 +109,7 @@ def test_help_does_not_wait_for_numpy(python):
     [
         ("sparse_coord tr", ["train"]),
         ("sparse_coord train env2", ["env2-2r", "env2-4r"]),
-        ("sparse_coord train env1 --learner fa", ["voi"]),
+        ("sparse_coord train env1 --learner vo", ["voi"]),
     ],
 )
 def test_the_tab_key(python, tmp_path, line, answer):

@@ -56,7 +56,7 @@ CROWDS = {
     "coop": problem("crowd-3r", peers="all", epsilon="constant:1"),
     "voi": problem("env2-4r", peers="all", epsilon="constant:0.5", max_steps=60),
 }
-"""Teams whose tables get many rows; those of env2-4r leave stand-offs."""
+"""Teams whose tables get many rows."""
 
 
 @pytest.mark.parametrize("learner", CROWDS)
@@ -72,8 +72,8 @@ def test_tables_that_grow_on_the_way_learn_the_same(monkeypatch, learner, compil
     for until in range(40, 1001, 40):
         run.advance(until)
         rows = run.minds[0].q_coord if learner == "coop" else run.minds[0].rho
-        assert rows.used.max() < rows.keys.shape[1] <= rows.index.shape[1] / 2
-        sizes.add(rows.keys.shape[1])
+        assert rows.used.max() < rows.values.shape[1] <= rows.index.shape[1] / 2
+        sizes.add(rows.values.shape[1])
     assert len(sizes) >= 3
     assert all(map(memories_equal, run.memories, roomy.memories))
     assert same_bits(run.history, roomy.history)
@@ -106,7 +106,7 @@ def test_the_record_of_episodes_grows(compiled):
 @pytest.mark.parametrize("learner", [*CROWDS, "noncoop", "indiv"])
 @pytest.mark.parametrize("compiled", [False, True])
 def test_trials_on_the_way_change_nothing(learner, compiled):
-    """They perceive joint states that were not met, leave stand-offs, and begin episodes."""
+    """They perceive joint states that were not met, lose patience, and begin episodes."""
     scenario = CROWDS.get(learner, problem("env2-4r"))
     team = Team(scenario, learner_of(learner), compiled=compiled)
     run = LearningRun(team, 1)
