@@ -238,6 +238,15 @@ def test_means_move_toward_what_the_peers_cell_changes():
     assert (one.mind.gain[0, Y] == 0).all()
 
 
+@pytest.mark.parametrize("b", range(4))
+def test_asking_is_worth_the_best_move_by_q_c(b):
+    one = agent()
+    one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
+    set_rho(one, X, Z, ASKS, [20.0 if b == other else 0.0 for other in range(4)])
+    voi.learn_means(one.mind, one.task, 0, transition(one, X, Z))
+    assert one.mind.gain[0, X, COORDINATE] == ALPHA * (1.0 + b + 20.0 - 4.0)
+
+
 def test_the_first_mean_is_the_first_value_and_the_second_of_both():
     one = agent(step_size="floored:1:0:0")
     for cell, value in ((Z, -6.0), (Z2, -2.0)):
@@ -263,6 +272,7 @@ def test_without_an_answer_nothing_is_learned_of_peers():
     one = agent(perception="probability:0.5")
     step(one, 1, X, EAST, X, (Z,))
     step(one, 2, X, EAST, X, None)
+    assert one.mind.last[0, 5:].tolist() == [X, Z]  # what it knew last
     step(one, 3, X, EAST, Y, (Z2,))
     step(one, 4, Y, EAST, Y, None)
     assert one.mind.rho.used[0] == 1 and one.mind.peer.used[0] == 1
@@ -630,11 +640,43 @@ def test_of_peers_that_are_as_bad_the_first_one_is_in_the_way():
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 10)[-1] == EAST
 
 
+def test_of_moves_that_are_as_good_alone_the_first_one_is_its_way():
+    one = waiting()
+    one.mind.u[0, X] = [80.0, 100.0, 100.0, 60.0]
+    set_rho(one, X, Y, ASKS, [0.0, -90.0, 0.0, 0.0], peer=1)
+    for cell in (Z, Z2):
+        set_rho(one, X, cell, ASKS, [0.0, 0.0, -90.0, 0.0], peer=2)
+    assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [NORTH, WEST, WEST]
+
+
+def test_its_way_may_be_north():
+    one = waiting()
+    one.mind.u[0, X] = [100.0, 100.0, 80.0, 60.0]
+    set_moves(one, X, north=(9, 9, 0), east=(9, 0, 0))
+    set_rho(one, X, Y, ASKS, [-90.0, 0.0, 0.0, 0.0], peer=1)
+    for cell in (Z, Z2):
+        set_rho(one, X, cell, ASKS, [0.0, -90.0, 0.0, 0.0], peer=2)
+    assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [EAST, WEST, WEST]
+
+
+def test_robot_0_may_be_in_the_way_too():
+    one = Agent(learner_of("voi"), agent(THREE).scenario, 1, 3, learning=False)
+    mind = one.mind
+    mind.u[1, X] = [80.0, 0.0, 100.0, 60.0]
+    mind.tries[1, X] = 9
+    mind.led[1, X] = [0, 0, 9, 9]
+    for peer, cell, value in ((0, Y, -90.0), (2, Z, -50.0), (2, Z2, -50.0)):
+        key = 2 * voi.place(one.task, X, peer, cell) + ASKS
+        mind.rho.values[1, met(mind.rho, one.task, 1, key), EAST] = value
+    one.begin_episode()
+    assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [NORTH, WEST, WEST]
+
+
 def test_a_pair_waits_and_so_does_who_had_no_answer():
     one = waiting(PAIR)
     assert moves_of(one, [(Y,)] * 30) == [NORTH] * 30
     one = waiting()
-    one.mind.q_star[0, X] = [9.0, 0.0, 0.0, 0.0, 0.0]
+    one.mind.q_star[0, X] = [9.0, 0.0, 8.0, 0.0, 0.0]
     assert moves_of(one, [None] * 30) == [NORTH] * 30
 
 
