@@ -29,7 +29,7 @@ RUNS = {
     "known_map.py": (
         "--lists tuning-eight --learners voi --runs 2 --trials 2 --steps 20 "
         "--picture few_steps.png",
-        "tuning-eight voi",
+        "tuning-eight     voi",
     ),
     "scale.py": (
         "halls:2 --robots 2 --steps 50 --trials 2 --set prior=map",

@@ -194,6 +194,8 @@ def test_auto_compiles_only_what_is_long(monkeypatch):
     assert engine_for(long, "coop") == "numba"
     assert engine_for(short, "coop", "numba") == "numba"
     assert engine_for(long, "coop", "python") == "python"
+    slow = problem("env1", steps=10**5)
+    assert [engine_for(slow, one) for one in ("coop", "voi")] == ["python", "numba"]
     monkeypatch.setattr(batch, "is_prepared", lambda **_: True)
     middle = problem("env1", steps=10**5)
     assert [engine_for(one, "coop") for one in (short, middle)] == ["python", "numba"]

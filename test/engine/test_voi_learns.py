@@ -5,8 +5,7 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.base.compiling import has_numba
-from sparse_coord_ros.core.engine.batch import prepare, run_batch
+from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import fails
@@ -28,13 +27,6 @@ BUILDINGS = {
     ("crossing", 970_002, "swap"): (117.19, 143.80),
 }
 """What shortest paths earn, and the best asking team found (`find_asking_team`, 20 restarts)."""
-
-
-@pytest.fixture(scope="module")
-def voi_compiled():
-    """Compile the loop of voi."""
-    if has_numba():
-        prepare("voi")
 
 
 def learned(scenario, seeds=SEEDS):
@@ -61,7 +53,7 @@ def judged(interactions, **settings):
     return gained / gap, min(arrived)
 
 
-@pytest.mark.usefixtures("voi_compiled")
+@pytest.mark.usefixtures("compiled_loops")
 @pytest.mark.parametrize("interactions", ["together", "swap"])
 def test_it_closes_most_of_the_gap_and_no_team_fails(interactions):
     share, arrived = judged(interactions)
@@ -69,14 +61,14 @@ def test_it_closes_most_of_the_gap_and_no_team_fails(interactions):
     assert not fails(arrived)
 
 
-@pytest.mark.usefixtures("voi_compiled")
+@pytest.mark.usefixtures("compiled_loops")
 def test_where_robots_stop_each_other_few_trials_end_in_a_stand_off():
     share, arrived = judged("block:anywhere")
     assert share > 0.96
     assert arrived > 0.97
 
 
-@pytest.mark.usefixtures("voi_compiled")
+@pytest.mark.usefixtures("compiled_loops")
 @pytest.mark.parametrize("peers_seen", ["when_asked", "while_learning"])
 def test_where_half_of_the_questions_fail_it_learns_more_than_algorithm_1(peers_seen):
     """coop earns 105.7 there, robots that ignore each other 92.6."""

@@ -26,6 +26,7 @@ CASES = [
     ("crowd-3r", "coop", {"perception": "probability:0.7", "peers": "all"}),
     ("env2-4r", "noncoop", {}),
     ("env1", "voi", {"perception": "line_of_sight"}),
+    ("env2-4r", "voi", {"peers_seen": "while_learning"}),
     ("env1", "cq", {}),
     ("env1", "joint", {}),
     (

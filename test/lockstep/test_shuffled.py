@@ -61,6 +61,7 @@ CASES = [
     pytest.param("crowd-3r", "coop", {"peers": "all", **SEEN}, 0.4, id="peers seen"),
     pytest.param("env1", "voi", {"steps": 600, **ASKED}, 0.2, id="voi"),
     pytest.param("env2-4r", "voi", ASKED, 0.0, id="voi, four"),
+    pytest.param("env2-4r", "voi", {**ASKED, **SEEN}, 0.4, id="voi, peers seen"),
 ]
 """Each learner that runs live, and the share of messages that come twice."""
 

@@ -41,8 +41,8 @@ EVERY_TRIALS = Setting(
 
 WORTH_COMPILING = 500_000
 WORTH_LOADING = 100_000
-"""Agent-steps that plain Python makes while numba compiles, or is imported and finds the compiled
-loops on disk: a shorter run is quicker without."""
+"""Agent-steps of coop that plain Python makes while numba compiles, or is imported and finds the
+compiled loops on disk: a shorter run is quicker without."""
 
 FIRST_PART = 1000
 """Transitions learned at first between two looks at the clock and at signals."""
@@ -100,7 +100,7 @@ def pays_to_compile(scenario: Scenario, learner: Learner) -> bool:
     """Return whether plain Python takes longer for a run than numba takes to begin."""
     kept = batch.is_prepared(learner=learner)
     needed = WORTH_LOADING if kept else WORTH_COMPILING
-    return scenario.steps * len(scenario.robots) >= needed
+    return scenario.steps * len(scenario.robots) * learner.slow >= needed
 
 
 def train(

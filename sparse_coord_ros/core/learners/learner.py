@@ -163,6 +163,7 @@ class Learner:
         partners: whether it uses the peers with which a robot interacted
             (`Transition.partners`).
         needs_map: whether it always begins with the values of robots alone: `prior` is `map`.
+        slow: how many times longer than one of coop its step takes in plain Python, roughly.
         defaults: values of scenario settings that neither the scenario nor the user chose;
             `run.yaml` records each value used.
         Mind: the named tuple of what its robots remember: `q_star`, `updates` and what else it
@@ -181,6 +182,7 @@ class Learner:
     alone: bool = False
     partners: bool = False
     needs_map: bool = False
+    slow: int = 1
     defaults: Mapping[str, object] = MappingProxyType({})
     Mind: type[Any]
     values: tuple[str, ...] = ("q_star", "q_coord")

@@ -88,6 +88,7 @@ class Voi(Learner):
     title = "Value of information"
     summary = "asks where knowing its peers' cells is worth more than a question costs"
     partners = True
+    slow = 10
     defaults = MappingProxyType(
         {
             "epsilon": "linear:0.3:0.02:0.8",
