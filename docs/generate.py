@@ -76,13 +76,17 @@ def _table(head, rows, rest="--:"):
 
 
 def _results():
-    """Return what is known of conditions in which nothing but penalty and steps was changed."""
+    """Return what is known of conditions in which nothing but penalty and steps was changed.
+
+    Rows of learners of earlier versions are left out.
+    """
     frames = [
         pd.read_csv(HERE / "tables" / f"{name}.csv") for name in ("figure4", "crowd")
     ]
     found = pd.concat(frames).drop_duplicates("condition")
     plain = found.condition.str.fullmatch(r"[^/]+/[^/]+/penalty=[^,]+(,steps=\d+)?")
-    return found[plain & found.penalty.isin(PENALTIES)]
+    there = found.learner.isin(list(LEARNERS.registered))
+    return found[plain & there & found.penalty.isin(PENALTIES)]
 
 
 def _measures(row):

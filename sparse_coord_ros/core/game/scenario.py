@@ -181,7 +181,10 @@ class Scenario:
         "linear:0.15:0.02:0.8", "exploration of pi_epsilon", EPSILON
     )
     q_star_init: float = setting(
-        20.0, "initial value of Q*", low=-LARGEST, high=LARGEST
+        20.0,
+        "initial value of Q*; learner voi begins with q_coord_init instead",
+        low=-LARGEST,
+        high=LARGEST,
     )
     q_coord_init: float = setting(
         200.0, "initial value of Q^C", low=-LARGEST, high=LARGEST

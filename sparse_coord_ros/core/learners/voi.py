@@ -5,17 +5,20 @@
 Cells: x of the robot, z_j of peer j; a step later y and z'_j. Moves: b. c: the cost of a question.
 
     (1) U(x, b)      = E[ r^I + gamma max_b' U(y, b') ]             a robot that meets nobody
-    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer
+    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer, see `worst`
     (3) Q*(x, b)     = U(x, b) + mean of min_j rho0_j(x, z_j, b)    it does not ask
     (4) Q*(x, ask)   = mean of max_b Q^C(x, z, b) - c               it asks
 
 The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer
 j changes if the robot asks in x, rho0_j if it does not. Each step from z_j to z'_j teaches both,
-for all four moves of the cell:
+for all moves of the cell that it knows:
 
     (5) U + rho_j    <- sum_y P(y | x, b, z'_j) [ r^C + gamma V_j(y, z'_j) ]
     (6) V_j(y, z')   =  max_b (U + rho_j)(y, z', b) - c     if it asks in y
                         (U + rho0_j)(y, z', m)              if not; m: the best move of (3)
+
+At the goal the value of the arrival is in place of V_j. A question asks all peers at once, so with
+several of them each V_j has its share of c.
 
 As a robot's choice depends on its cell alone, it holds while the robot stays there: for y = x,
 rho_j takes the first line of (6), and rho0_j the second one with m = b. A step that the robot did
@@ -172,7 +175,7 @@ class Voi(Learner):
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Any:
-        """Return what a robot remembers before learning: U is `q_coord_init`, all else 0."""
+        """Return what a robot remembers before learning: U and Q* are `q_coord_init`, else 0."""
         cells = len(scenario.map.cells)
         team = len(scenario.robots)
         places = cells * team * cells
@@ -632,7 +635,9 @@ def refresh(mind: Any, task: Task, k: int, x: int) -> None:
 
 @jitable
 def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
-    """Take the value of waiting times gamma^n, after n answers in a row in which nobody moved.
+    """Take the value of waiting times gamma^(n - 4), after n > 4 answers in which nobody moved.
+
+    It waits by moves into walls. Only values above 0 lose.
 
     Nobody: neither the robot nor the peer in its way, the worst one of its best move alone. Two
     robots that face each other with others behind them see a way out in pairs; the team has

@@ -48,8 +48,8 @@ class Reason(NamedTuple):
         values: the values by which COORDINATE chose a move: those of Q^C at the joint state,
             after a failed percept those of Q* at its cell; or what the learner made of them.
         move: their greedy move.
-        by_policy: whether it asked only to learn, and made the move of its policy, which does not
-            ask here.
+        by_policy: whether it asked only to learn, and made the move of its policy, which chose one
+            without asking: by Q*, or to explore.
         impatient: whether it waits in vain: waiting has lost value.
     """
 
@@ -248,7 +248,9 @@ def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
     return f"{run.scenario.robots[robot].name} in {cell_in_words(run, cell)} chooses COORDINATE"
 
 
-ASKS_TO_LEARN = "asks in every step while it learns; its policy would not ask here"
+ASKS_TO_LEARN = (
+    "asks in every step while it learns; its policy chose a move without asking"
+)
 
 IMPATIENT = "has waited in vain: nobody moved, and waiting loses value"
 
@@ -365,11 +367,12 @@ def _answer(log: RunLog, one: Coordination, request: Request) -> str:
 
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
     update = one.update
-    if update is None:
+    if update is None and not log.run.greedy:
         yield "  does not learn from it: the reward was late, or the next action is unknown"
         return
-    yield f"  {reward_in_words(log.run, update.reward, update.next_cell)}"
-    if log.run.greedy:
+    if update is not None:
+        yield f"  {reward_in_words(log.run, update.reward, update.next_cell)}"
+    if update is None or log.run.greedy:
         yield "  does not learn: the run is greedy"
         return
     for table, changed in (("Q^C", update.coord), ("Q*", update.star)):
