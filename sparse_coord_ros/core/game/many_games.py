@@ -301,8 +301,7 @@ def move(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> 
         acts = not games.arrived[i, k]
         home = acts and cells[k] == problem.goals[k]
         asked = acts and games.chosen[i, k] == COORDINATE
-        parts = rewards_of(problem, k, conflict, home, asked)
-        individual, common, ask_cost = parts
+        individual, common, ask_cost = rewards_of(problem, k, conflict, home, asked)
         outcome.reward[i, k] = paid_for_ever(problem, home, common, ask_cost)
         infos.reward_parts[i, k, 0] = individual
         infos.reward_parts[i, k, 1] = common

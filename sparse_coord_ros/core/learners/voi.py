@@ -119,7 +119,8 @@ class Voi(Learner):
             count: how many they are [k, 0].
             gain: Q* - U of moves; of COORDINATE Q* + c - max_b U [k, x, action].
             arrivals: how often it met its peers on coming to x [k, x].
-            rho: rho_j and rho0_j: a row [b] for x, j, z and `ASKS` or `DOES_NOT_ASK`.
+            rho: rho_j and rho0_j: a row [b] for x, j, z and `ASKS` or `DOES_NOT_ASK`; `updates`
+                of rho_j: how often b was made there.
             given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
             peer: for x, j, z and z', how often b was made (`updates`), and the r^C of it that was
                 felt last when it led out (`values`).
@@ -249,9 +250,7 @@ class Voi(Learner):
         if seen == 0:
             copy_moves(mind.q_star[k, cell], values)
             return
-        worst(mind.rho, task, k, cell, cells, ASKS, values)
-        for b in range(PRIMITIVES):
-            values[b] += mind.u[k, cell, b]
+        know(mind, task, k, cell, cells, values)
 
     @staticmethod
     def move_after_asking(
@@ -409,8 +408,16 @@ def worst(
 
 
 @jitable
-def best_without_asking(values: Values) -> int:
-    """Return m: the best move by (3), from a row of Q*."""
+def know(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
+    """Set Q^C(x, z, .), by (2)."""
+    worst(mind.rho, task, k, x, cells, ASKS, values)
+    for b in range(PRIMITIVES):
+        values[b] += mind.u[k, x, b]
+
+
+@jitable
+def best_move(values: Values) -> int:
+    """Return the best move of a row, the first of equally good ones: by (3) it is m."""
     best = 0
     for b in range(1, PRIMITIVES):
         if values[b] > values[best]:
@@ -421,7 +428,7 @@ def best_without_asking(values: Values) -> int:
 @jitable
 def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
     """Return V_j(y, z'), by (6)."""
-    m = best_without_asking(mind.q_star[k, y])
+    m = best_move(mind.q_star[k, y])
     if mind.q_star[k, y, COORDINATE] > mind.q_star[k, y, m]:
         return value_asking(mind, task, k, j, y, z)
     row = row_of(mind.rho, task, k, y, j, z, DOES_NOT_ASK)
@@ -436,7 +443,7 @@ def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float
     best = mind.u[k, y, 0] + rho[0]
     for b in range(1, PRIMITIVES):
         best = max(best, mind.u[k, y, b] + rho[b])
-    m = best_without_asking(mind.q_star[k, y])
+    m = best_move(mind.q_star[k, y])
     share = (mind.answered[k, y] + 1) / (mind.updates[k, y, COORDINATE] + 1)
     best = share * best + (1.0 - share) * (mind.u[k, y, m] + rho[m])
     return float(best - price(task) / (task.robots - 1))
@@ -555,7 +562,8 @@ def after_leaving(
 ) -> float:
     """Return r^C + gamma V_j(y, z') for a move that leads to another cell y.
 
-    r^C is that of this very step, if it was ever made; else that of the cells where it ends.
+    If b was ever made with this step of the peer, r^C is that of the last time when it led out (0
+    if it never did); else that of the cells where it ends.
     """
     y = int(mind.to[k, x, b])
     if mind.peer.updates[k, peer, b] > 0:
@@ -593,15 +601,12 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
     count = int(mind.arrivals[k, x]) + 1
     mind.arrivals[k, x] = count
     alpha = step_size(task, count, now.step)
-    rho = mind.row[k]
-    worst(mind.rho, task, k, x, now.cells, DOES_NOT_ASK, rho)
+    row = mind.row[k]
+    worst(mind.rho, task, k, x, now.cells, DOES_NOT_ASK, row)
     for b in range(PRIMITIVES):
-        mind.gain[k, x, b] = toward(mind.gain[k, x, b], alpha, rho[b])
-    worst(mind.rho, task, k, x, now.cells, ASKS, rho)
-    best = mind.u[k, x, 0] + rho[0]
-    for b in range(1, PRIMITIVES):
-        best = max(best, mind.u[k, x, b] + rho[b])
-    worth = best - greatest(mind.u[k, x], PRIMITIVES)
+        mind.gain[k, x, b] = toward(mind.gain[k, x, b], alpha, row[b])
+    know(mind, task, k, x, now.cells, row)
+    worth = greatest(row, PRIMITIVES) - greatest(mind.u[k, x], PRIMITIVES)
     mind.gain[k, x, COORDINATE] = toward(mind.gain[k, x, COORDINATE], alpha, worth)
 
 
@@ -643,10 +648,7 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     robots that face each other with others behind them see a way out in pairs; the team has
     none, and learning does not show it, as robots that explore break it up.
     """
-    way = 0
-    for b in range(1, PRIMITIVES):
-        if mind.u[k, x, b] > mind.u[k, x, way]:
-            way = b
+    way = best_move(mind.u[k, x])
     in_way = -1
     lowest = 0.0
     for j in range(task.robots):
@@ -663,7 +665,6 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     stood[0] = count
     for j in range(task.robots):
         stood[1 + j] = cells[j]
-    stood[1 + k] = x
     left = 1.0
     for _ in range(PATIENCE, count):
         left *= task.discount

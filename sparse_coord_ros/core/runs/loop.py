@@ -202,8 +202,9 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 next_cell = cells[k]
                 home = acts and next_cell == problem.goals[k]
                 asked = acts and run.actions[k] == COORDINATE
-                rewards = rewards_of(problem, k, conflict, home, asked)
-                individual, common, asking = rewards
+                individual, common, asking = rewards_of(
+                    problem, k, conflict, home, asked
+                )
                 if not task.learning:
                     if home:
                         individual = problem.goal_total
