@@ -95,7 +95,7 @@ def advice(scenario: Scenario) -> Advice:
             facts += f"; a team can win back {gain:.2f} of that"
         facts += f", {_cost_in_words(in_questions(gain, scenario))}"
         facts += _answers_in_words(scenario)
-    remedy = _remedy(scenario, kind, gain)
+    remedy = _remedy(scenario, kind, loss, gain)
     text = f"{SENTENCES[kind]}: {facts}. {remedy}".rstrip()
     return Advice(kind, loss, ratio, gain, text, remedy)
 
@@ -122,9 +122,9 @@ def _sure(scenario: Scenario) -> float:
     return SURE_RELATIVE_GAIN_BY_BOUND
 
 
-def _remedy(scenario: Scenario, kind: str, gain: float) -> str:
+def _remedy(scenario: Scenario, kind: str, loss: float, gain: float) -> str:
     """Return a sentence on what would make asking pay; empty: it pays, or nothing would."""
-    if kind not in (WILL_NOT_PAY, MAY_PAY) or gain == 0.0:
+    if kind not in (WILL_NOT_PAY, MAY_PAY) or loss == 0.0:
         return ""
     chance = chance_of_answer(scenario)
     if chance == 0.0:
