@@ -62,15 +62,15 @@ def rho(one, x, z, name, peer=1):
 
 def peer_row(one, z=Z):
     """Return the row of a step of the peer to Z2, with the robot in X."""
-    key = voi.place(one.task, X, 1, z) * (one.task.cells + 1) + Z2 + 1
-    return met(one.mind.peer, one.task, 0, key)
+    return met(one.mind.peer, one.task, 0, voi.step_of(one.task, X, 1, z, Z2))
 
 
 def learn_from_peer(one, y, move, common, number=9):
     """Let a robot learn that it made a move from X to Y, and its peer from Z to Z2."""
     one.mind.last[0, : voi.PARTNERS] = [number - 1, X, move]
+    one.mind.last[0, CELLS:] = [X, Z]
     now = transition(one, y, Z2, number)
-    voi.learn_from_peer(one.mind, one.task, 0, now, 1, Z, Z2, common)
+    voi.learn_from_peer(one.mind, one.task, 0, now, 1, Z2, common)
 
 
 def set_answers(one, x, z, asked, answered, peer=1):
@@ -455,7 +455,7 @@ def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
     one.mind.felt.values[0, felt, 0] = -20.0
 
     def after(b):
-        return voi.after_leaving(one.mind, one.task, 0, 1, X, b, Z2, peer)
+        return voi.after_leaving(one.mind, one.task, 0, 1, X, b, Z, Z2)
 
     assert after(EAST) == -20 + G * (40 - 4)  # never made
     one.mind.peer.updates[0, peer, EAST] = 1  # it slipped
@@ -463,8 +463,8 @@ def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
     one.mind.peer.values[0, peer, EAST] = -7.0
     assert after(EAST) == -7 + G * (40 - 4)
     assert after(WEST) == 10 + G * 100  # nothing was felt at the goal
-    one.mind.peer.values[0, peer, WEST] = -3.0
-    assert after(WEST) == -3 + 10 + G * 100
+    step(one, 1, X, WEST, one.goal, (Z,), common=-3.0, partners=0b10)
+    assert after(WEST) == -2 * 3 + 10 + G * 100
 
 
 def test_a_choice_holds_while_the_robot_stays():

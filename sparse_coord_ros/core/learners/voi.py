@@ -212,7 +212,7 @@ class Voi(Learner):
             rho=table(places, nothing, team),
             rho0=table(places, nothing, team),
             given=table(places, nothing, team),
-            peer=table(places * (cells + 1), not_felt, team),
+            peer=table(places * (cells + 1), not_felt, 2 * team),
             felt=table(places, not_felt, 2 * team),
             last=np.full(CELLS + team, NO_STEP),
             stood=np.zeros(1 + team, dtype=np.int64),
@@ -304,6 +304,8 @@ class Voi(Learner):
         if not follows or mind.last[k, CELL] != x:
             learn_means(mind, task, k, now)
         note_step(mind, task, k, now)
+        if now.next_cell == task.goals[k]:
+            learn_from_arrival(mind, task, k, now)
         refresh(mind, task, k, x)
         chance = draw(task.keys[k], now.step, REPLAY)
         again = int(mind.visited[k, int(chance * mind.count[k, 0])])
@@ -335,6 +337,12 @@ def by_policy(values: Values, task: Task, k: int, step: int) -> int:
 def place(task: Task, x: int, j: int, z: int) -> int:
     """Return the key of an own cell, a peer and its cell, which may be `NOT_PERCEIVED`, -1."""
     return (x * task.robots + j) * (task.cells + 1) + z + 1
+
+
+@jitable
+def step_of(task: Task, x: int, j: int, z: int, z_next: int) -> int:
+    """Return the key of an own cell, a peer and its step from z to z'."""
+    return place(task, x, j, z) * (task.cells + 1) + z_next + 1
 
 
 # A robot alone.
@@ -370,8 +378,10 @@ def count_question(mind: Any, task: Task, k: int, now: Transition) -> None:
 def share_answered(mind: Any, task: Task, k: int, x: int, j: int, z: int) -> float:
     """Return the share of questions that were answered with the peer in z.
 
-    One answer is counted before the first question.
+    One answer is counted before the first question. Where the robot knows no z, it had none.
     """
+    if z == NOT_PERCEIVED:
+        return 0.0
     counts = mind.felt.updates[k, find(mind.felt, k, place(task, x, j, z))]
     return float((counts[ANSWERED] + 1) / (counts[ASKED] + 1))
 
@@ -485,15 +495,41 @@ def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float
 @jitable
 def learn_from_peers(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Learn from the last step, as its robot now knows where its peers went."""
-    last = mind.last[k]
-    interacted = int(last[PARTNERS])
     for j in range(task.robots):
         if j != k:
-            common = last[COMMON] if (interacted >> j) & 1 else 0.0
-            z = int(last[CELLS + j])
-            if z == NOT_PERCEIVED:
-                common /= task.robots
-            learn_from_peer(mind, task, k, now, j, z, int(now.cells[j]), common)
+            z_next = int(now.cells[j])
+            learn_from_peer(
+                mind, task, k, now, j, z_next, common_with(mind, task, k, j)
+            )
+
+
+@jitable
+def learn_from_arrival(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Learn r^C of an arrival: where the peers went is not known."""
+    for j in range(task.robots):
+        if j != k:
+            z = int(now.cells[j])
+            row = met(mind.peer, task, k, step_of(task, now.cell, j, z, NOT_PERCEIVED))
+            mind.peer.updates[k, row, now.move] += 1
+            alpha = step_size(task, int(mind.peer.updates[k, row, now.move]), now.step)
+            common = common_with(mind, task, k, j)
+            feel(mind.peer.values[k, row], now.move, common, alpha)
+
+
+@jitable
+def common_with(mind: Any, task: Task, k: int, j: int) -> float:
+    """Return the r^C of the last step that is due to a peer, as often as it counts.
+
+    It counts for all robots that pay it, as the setting `credit` says, where questions are
+    answered. A robot that gets no answers counts its own loss alone: two that see nothing would
+    else both give way.
+    """
+    last = mind.last[k]
+    if (int(last[PARTNERS]) >> j) & 1 == 0:
+        return 0.0
+    share = share_answered(mind, task, k, int(last[CELL]), j, int(last[CELLS + j]))
+    weight = task.weights[1]
+    return float((share * weight + (1.0 - share) * min(weight, 1.0)) * last[COMMON])
 
 
 @jitable
@@ -512,7 +548,6 @@ def learn_from_peer(
     k: int,
     now: Transition,
     j: int,
-    z: int,
     z_next: int,
     common: float,
 ) -> None:
@@ -524,15 +559,15 @@ def learn_from_peer(
         k: the robot.
         now: the transition after that step.
         j: the peer.
-        z: the peer's cell before that step.
-        z_next: the peer's cell after it, z'.
+        z_next: the peer's cell after that step, z'.
         common: r^C of that step, if they interacted.
     """
     x = int(mind.last[k, CELL])
     move = int(mind.last[k, MOVE])
+    z = int(mind.last[k, CELLS + j])
     y = now.cell
     key = place(task, x, j, z)
-    peer = met(mind.peer, task, k, key * (task.cells + 1) + z_next + 1)
+    peer = met(mind.peer, task, k, step_of(task, x, j, z, z_next))
     given = met(mind.given, task, k, place(task, x, j, z_next))
     felt = met(mind.felt, task, k, place(task, y, j, z_next))
     asking = met(mind.rho, task, k, key)
@@ -565,7 +600,7 @@ def learn_from_peer(
             out = chance_to_leave(mind, k, x, b, given)
             leaving = 0.0
             if out > 0.0:
-                leaving = out * after_leaving(mind, task, k, j, x, b, z_next, peer)
+                leaving = out * after_leaving(mind, task, k, j, x, b, z, z_next)
             holds = mind.u[k, x, b] + mind.rho0.values[k, holding, b]
             stays = (1.0 - out) * (r + task.discount * asks)
             stays0 = (1.0 - out) * (r + task.discount * holds)
@@ -594,19 +629,21 @@ def felt_in(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
 
 @jitable
 def after_leaving(
-    mind: Any, task: Task, k: int, j: int, x: int, b: int, z_next: int, peer: int
+    mind: Any, task: Task, k: int, j: int, x: int, b: int, z: int, z_next: int
 ) -> float:
     """Return r^C + gamma V_j(y, z') for a move that leads to another cell y.
 
-    If b was ever made with this step of the peer, r^C is that of the last time when it led out (0
-    if it never did); else that of the cells where it ends.
+    r^C is that of b with this step of the peer; if it never was felt, that of the cells where the
+    step ends.
     """
     y = int(mind.to[k, x, b])
-    r = mind.peer.values[k, peer, b]
+    if y == task.goals[k]:
+        arrival = find(mind.peer, k, step_of(task, x, j, z, NOT_PERCEIVED))
+        r = mind.peer.values[k, arrival, b]
+        return arrival_value(task) + (r if r != NOT_FELT else 0.0)
+    r = mind.peer.values[k, find(mind.peer, k, step_of(task, x, j, z, z_next)), b]
     if r == NOT_FELT:
         r = felt_in(mind, task, k, j, y, z_next)
-    if y == task.goals[k]:
-        return float(r + arrival_value(task))
     return float(r + task.discount * value_of(mind, task, k, j, y, z_next))
 
 
@@ -665,7 +702,7 @@ def note_step(mind: Any, task: Task, k: int, now: Transition) -> None:
     last[CELL] = now.cell
     last[MOVE] = now.move
     last[PARTNERS] = now.partners
-    last[COMMON] = task.weights[1] * now.common
+    last[COMMON] = now.common
     for j in range(task.robots):
         last[CELLS + j] = now.cells[j]
 
