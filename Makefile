@@ -13,9 +13,9 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # The same doorway twice: by the paper's learner, and by ours. Then both on one page.
 demo: $(VENV)/runs
-	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
+	$(BIN)/sparse_coord run env1 --steps 20000 --seed 1 --out $(RUN)
 	@echo
-	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --learner voi --out $(RUN)_voi
+	$(BIN)/sparse_coord run env1 --steps 20000 --seed 1 --learner voi --out $(RUN)_voi
 	@echo
 	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_voi
 	@echo
