@@ -7,23 +7,26 @@ Cells: x of the robot, z_j of peer j; a step later y and z'_j. Moves: b. c: the 
     (1) U(x, b)      = E[ r^I + gamma max_b' U(y, b') ]             a robot that meets nobody
     (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer, see `worst`
     (3) Q*(x, b)     = U(x, b) + mean of min_j rho0_j(x, z_j, b)    it does not ask
-    (4) Q*(x, ask)   = mean of max_b Q^C(x, z, b) - c               it asks
+    (4) Q*(x, ask)   = mean of A(x, z) - c                          it asks
+        A(x, z)      = p max_b Q^C(x, z, b) + (1 - p) Q^C(x, z, n)
 
 The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer
-j changes if the robot asks in x, rho0_j if it does not. Each step from z_j to z'_j teaches both,
+j changes if the robot asks in x, rho0_j if it does not. p is the share of questions that are
+answered there, n the move of a robot without an answer. Each step from z_j to z'_j teaches both,
 for all moves of the cell that it knows:
 
     (5) U + rho_j    <- sum_y P(y | x, b, z'_j) [ r^C + gamma V_j(y, z'_j) ]
-    (6) V_j(y, z')   =  max_b (U + rho_j)(y, z', b) - c     if it asks in y
-                        (U + rho0_j)(y, z', m)              if not; m: the best move of (3)
+    (6) V_j(y, z')   =  A(y, z') - c                    if it asks in y; A with this rho_j alone
+                        (U + rho0_j)(y, z', m)          if not; m: the best move of (3)
 
 At the goal the value of the arrival is in place of V_j. A question asks all peers at once, so with
 several of them each V_j has its share of c.
 
 As a robot's choice depends on its cell alone, it holds while the robot stays there: for y = x,
 rho_j takes the first line of (6), and rho0_j the second one with m = b. A step that the robot did
-not make itself counts by its probability (`weight_of`). In teams of more than two, robots that
-face each other lose patience: see `patience`.
+not make itself counts by its probability (`weight_of`). A robot that does not know z learns of
+"no answer" (`NOT_PERCEIVED`) as of a cell. In teams of more than two, robots that face each other
+lose patience: see `patience`.
 
 This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
 max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
@@ -120,7 +123,6 @@ class Voi(Learner):
         Attributes:
             q_star: Q*, by (3) and (4) [k, x, action].
             updates: how often b was tried [k, x, b]; how often it asked [k, x, 4].
-            answered: how often it asked in x and was answered [k, x].
             u: U, by (1) [k, x, b].
             tries: `updates` of moves, and the tries for which the map counts [k, x, b].
             led: how often b led out of x in these tries [k, x, b].
@@ -128,16 +130,16 @@ class Voi(Learner):
             visited: the cells that it has visited, in the order of their first time [k, n].
             count: how many they are [k, 0].
             gain: Q* - U of moves; of COORDINATE Q* + c - max_b U [k, x, action].
+            blind: the mean of Q^C - U over the cells z of peers that do not answer [k, x, b].
             arrivals: how often it met its peers on coming to x [k, x].
-            rho: rho_j and rho0_j: a row [b] for x, j, z and `ASKS` or `DOES_NOT_ASK`; `updates`
-                of rho_j: how often b was made there.
+            rho: rho_j: a row [b] for x, j, z; `updates`: how often b was made there.
+            rho0: rho0_j, likewise.
             given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
-            peer: for x, j, z and z', how often b was made (`updates`), and the r^C of it that was
-                felt last when it led out (`values`).
-            felt: for y, j and z', the r^C that was felt last there.
-            last: of the last step: whether it knew its peers' cells, its own cell, its move, the
-                peers with which it interacted, r^C, and the cells of all robots, if it knew them
-                [k, 5 + j].
+            peer: for x, j, z and z', how often b was made (`updates`), and the mean r^C of it when
+                it led out (`values`); for z' `NOT_PERCEIVED` when it led home.
+            felt: for y, j and z', the mean r^C of steps that ended there (`values`, first column),
+                and the counts `ASKED`, `ANSWERED` and `ENDED` (`updates`).
+            last: the last step: `STEP`, `CELL`, `MOVE`, `PARTNERS`, `COMMON`, `CELLS` [k, 5 + j].
             stood: of the last answer: how many in a row found nobody moved, and the cells of all
                 robots [k, 1 + j].
             row: space for a row [k, b].
@@ -459,6 +461,16 @@ def know_nothing(mind: Any, k: int, x: int, values: Any) -> None:
 
 
 @jitable
+def move_without_answer(mind: Any, k: int, x: int, share: float) -> int:
+    """Return n, the best move without an answer; any move where all questions are answered."""
+    if share == 1.0:
+        return 0
+    row = mind.row[k]
+    know_nothing(mind, k, x, row)
+    return best_move(row)
+
+
+@jitable
 def best_move(values: Values) -> int:
     """Return the best move of a row, the first of equally good ones: by (3) it is m."""
     best = 0
@@ -480,15 +492,14 @@ def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
 
 @jitable
 def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
-    """Return the first line of (6): the best move, or without an answer m."""
+    """Return the first line of (6)."""
+    share = share_answered(mind, task, k, y, j, z)
+    n = move_without_answer(mind, k, y, share)
     row = mind.row[k]
-    know_nothing(mind, k, y, row)
-    m = best_move(row)
     rho = mind.rho.values[k, find(mind.rho, k, place(task, y, j, z))]
     for b in range(PRIMITIVES):
         row[b] = mind.u[k, y, b] + rho[b]
-    share = share_answered(mind, task, k, y, j, z)
-    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[m]
+    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[n]
     return float(best - price(task) / (task.robots - 1))
 
 
@@ -686,10 +697,9 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
     for b in range(PRIMITIVES):
         size = (1.0 - share) * alpha
         mind.blind[k, x, b] = toward(mind.blind[k, x, b], size, row[b])
-    know_nothing(mind, k, x, row)
-    m = best_move(row)
+    n = move_without_answer(mind, k, x, share)
     know(mind, task, k, x, now.cells, row)
-    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[m]
+    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[n]
     worth = best - greatest(mind.u[k, x], PRIMITIVES)
     mind.gain[k, x, COORDINATE] = toward(mind.gain[k, x, COORDINATE], alpha, worth)
 
