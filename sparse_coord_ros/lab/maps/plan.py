@@ -139,7 +139,7 @@ def import_map(
     if space.blocked.all():
         raise MapError(
             f"map {plan.name}: a robot of radius {radius:g} m finds no room: no place is wide "
-            f"enough for it; choose a radius of less than {_widest(plan):.2g} m"
+            f"enough for it; choose a radius of less than {_widest(plan):g} m"
         )
     if cell is None:
         cell, layout = _chosen_layout(plan, space, radius)
@@ -231,7 +231,8 @@ def _squares_of(plan: FloorPlan, layout: gridding.Gridding, cell: float) -> Squa
 
 def _widest(plan: FloorPlan) -> float:
     """Return the metres from the place that is furthest from walls to the nearest wall."""
-    return float(ndimage.distance_transform_edt(plan.free).max()) * plan.resolution
+    widest = float(ndimage.distance_transform_edt(plan.free).max()) * plan.resolution
+    return math.floor(1000 * widest) / 1000
 
 
 def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
