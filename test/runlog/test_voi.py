@@ -113,11 +113,13 @@ def test_who_sees_its_peers_learns_of_them_without_an_answer(record):
         for one in explained(log, 0, coordinations(log, 0))
         if one.perceived is None and one.update is not None
     ]
-    assert len(unanswered) > 10
+    changed = 0
     for one in unanswered:
         state, before, after = one.update.coord
-        assert len(state) == 3 and before != after
+        assert len(state) == 3
+        changed += before != after
         assert any(f"{before!r} -> {after!r}" in line for line in in_words(log, one))
+    assert changed > 10
 
 
 def test_robots_that_see_their_peers_ask_only_where_that_pays(record):
