@@ -448,7 +448,7 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
     if update.later is not None:
-        (cell, *known), before, after = update.later
+        (cell, *known), row, learned = update.later
         yield f"  a step later, when it knows what came of it, {_joint(cell, known or None)}:"
-        for action, old, new in zip(ACTIONS, before, after, strict=False):
-            yield f"    {action} {old!r} -> {new!r}"
+        for name, old, new in zip(ACTIONS, row, learned, strict=False):
+            yield f"    {name} {old!r} -> {new!r}"
