@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.log.bags.segments import steps_of
 from sparse_coord_ros.protocol.wire.events import EventKind
 from sparse_coord_ros.protocol.wire.frame import SECOND
 
@@ -30,6 +29,11 @@ class Request:
     step: int
     answer: tuple[int, tuple[float, float] | None] | None = None
     seconds: float | None = None
+
+
+def steps_of(rows: np.ndarray, period: int) -> np.ndarray:
+    """Return the time steps of rows with the field `ns`."""
+    return np.asarray((rows["ns"] + period // 2) // period)
 
 
 def put_together(events: Sequence[np.ndarray], period: int) -> list[Request]:

@@ -23,6 +23,7 @@ from sparse_coord_ros.log.runlog.replay import (
     agent_with,
     trajectory_of,
 )
+from sparse_coord_ros.protocol.wire import PERCEPT
 
 
 class Update(NamedTuple):
@@ -137,8 +138,7 @@ def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | No
     """
     if log.run.known_rule is None:
         return 0, None
-    before = [one for one in log.all_tables if one.robot == robot and one.step <= step]
-    newest = max(before, key=lambda one: one.step, default=None)
+    newest = log.tables_before(robot, step)
     if newest is not None:
         return newest.step, newest.tables.memory
     if log.run.tables or log.run.greedy:
@@ -155,7 +155,7 @@ def _logged(
     asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
     where = int(trajectory.cell[place])
     peers = tuple(trajectory.peers[place].tolist())
-    end = percept_end(log.ended[row, robot])
+    end = percept_end(log.column(PERCEPT.name)[row, robot])
     perceived = trajectory.perceived_at(place)
     move = int(log.move[row, robot])
     return Coordination(step, robot, where, peers, asked, end, perceived, move)
@@ -187,7 +187,7 @@ def _replayed(
     if not trajectory.learned[place]:
         return one
     star, *coord = zip(entries, before, learned(), strict=True)
-    reward = float(log.reward[trajectory.row[place], one.robot, -1])
+    reward = float(log.column("total")[trajectory.row[place], one.robot])
     led = int(trajectory.next_cell[place])
     update = Update(led, reward, star, coord[0] if coord else None)
     return one._replace(update=update)
