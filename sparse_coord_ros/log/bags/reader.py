@@ -294,9 +294,10 @@ class Bag:
         self.compressions.add(chunk.compression or "none")
         begins, heads, others = message_heads(content)
         for opcode, body in others:
-            kind: Any = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}.get(opcode)
-            if kind is not None:
-                self._take(file, kind.read(body))
+            if opcode == Opcode.SCHEMA:
+                self._take(file, Schema.read(body))
+            elif opcode == Opcode.CHANNEL:
+                self._take(file, Channel.read(body))
         for channel in np.unique(heads["channel"]).tolist():
             self._check_channel(file, channel)
         return content, begins, heads

@@ -195,7 +195,7 @@ class WorldCheck:
         if later:
             yield _lost(later[0], "the states")
         statuses = log.statuses
-        if left and statuses and statuses[-1].state not in wire.OVER:
+        if left and (not statuses or statuses[-1].state not in wire.OVER):
             why = "the world does not show how the run ended"
             yield Undecided(world.step, why)
 

@@ -300,7 +300,7 @@ def _statuses(rows: Rows, run: RunConfig, ends: np.ndarray) -> list[RunStatus]:
 
     A world that has not gone back yet does not know the team's time step.
     """
-    found = []
+    found: list[RunStatus] = []
     for place in np.argsort(rows.log_ns, kind="stable").tolist():
         said = rows.content[place]
         knows = said.run == run.id and said.state != RunState.RESUMING

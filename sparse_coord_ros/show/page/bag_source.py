@@ -114,9 +114,9 @@ class BagSource(controls.Played):
             what = "its recording has just started; try again soon"
             what = what if self.growing else "see 'sparse_coord info'"
             raise BagError(f"{path}: holds no message to show: {what}")
-        begin = self.log.begin()
-        acted = np.flatnonzero((begin.cells != NONE).any(axis=1))
-        self.first = int(begin.step[acted[0]] if len(acted) else begin.step[0])
+        log = self.log.log
+        acted = np.flatnonzero((log.cells != NONE).any(axis=1))
+        self.first = int(log.step[acted[0]] if len(acted) else log.step[0])
         self.position = float(self.log.last_step if self.growing else self.first)
         self.paused = False
         self.rate = rate
