@@ -28,7 +28,7 @@ IN = {
     "a file": ("sparse_coord_ros.protocol.lockstep.node_checkpoints:write_whole", "3"),
     "an attachment": ("sparse_coord_ros.ros.nodes.recorder:Recording._attach", "6"),
     "its order": ("sparse_coord_ros.ros.nodes.restart:Restart._begin", "2"),
-    "its obedience": (f"{ROBOT}:Member._begin", "2"),
+    "its obedience": (f"{ROBOT}:RobotNode._begin_attempt", "2"),
 }
 """Where a node dies: in which call of which function."""
 

@@ -19,7 +19,7 @@ from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.run_messages import RunMessages
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """The topics from which the history is computed."""
@@ -103,7 +103,7 @@ class LongLog:
             self.bag.close()
             raise
         self.run: RunConfig = self._source.run
-        self.period = Frame(self.run).period
+        self.period = Messages(self.run).period
         self._ends = segments.ends(segments.begins(self.bag))
 
     @property

@@ -54,7 +54,7 @@ from sparse_coord_ros.lab.driving.trials import (
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 from sparse_coord_ros.protocol.wire.services import Service
 from sparse_coord_ros.ros.nodes.direct_recording import (
     DirectRecording,
@@ -237,12 +237,6 @@ class ParameterNode(Node):
                 return args[-1] if args else None
 
         return wrapped
-
-    def create_subscription(self, msg_type, topic, callback, *args, **more):
-        """As `Node`'s; the callback is guarded."""
-        return super().create_subscription(
-            msg_type, topic, self.guarded(callback), *args, **more
-        )
 
     def create_service(self, srv_type, srv_name, callback, **more):
         """As `Node`'s, with a guarded callback; rclpy's own ones refuse unreadable requests."""

@@ -1,12 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder node: every topic of the team and the service events, as CDR, into a bag."""
+"""The recorder node: the topics of the team, as CDR, into a bag."""
 
 import contextlib
 import math
 import shutil
 import struct
 import time
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.core.runs.run_config import (
     MAP_FILE,
+    OWN_CLOCK,
     RUN_RECORD,
     RunConfig,
     bag_files,
@@ -29,8 +31,7 @@ from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.reader import Bag, continued
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
-from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.protocol.wire.messages import STAMPED
+from sparse_coord_ros.protocol.wire.messages import SECOND, STAMPED
 from sparse_coord_ros.protocol.wire.status import (
     NO_ATTEMPT,
     Order,
@@ -40,7 +41,7 @@ from sparse_coord_ros.protocol.wire.status import (
 )
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, read_tables_message, status
+from sparse_coord_ros.ros.nodes.messages import messages_of, read_tables_message, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
@@ -70,8 +71,7 @@ class Recording:
     """A recorder's part in one run: its bag, and the time at which messages are logged.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
-    the bag's time line is the world's, however fast the run went. (The service events have the
-    times of the wall clock.)
+    the bag's time line is the world's, however fast the run went.
 
     Args:
         node: the recorder, which follows the run.
@@ -80,7 +80,7 @@ class Recording:
 
     Attributes:
         run, bag: as above.
-        convert: between the run's time steps and ROS time.
+        messages: the run's messages.
         now_ns: the newest stamp seen.
         said_ns: the newest time in the world's status.
         heard: the time of the last message, by `time.monotonic`.
@@ -97,12 +97,12 @@ class Recording:
         self.run = run
         self.bag = bag
         self._report = node.reporter("bag")
-        self.convert = Converter(run)
+        self.messages = messages_of(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
         self.attempt = NO_ATTEMPT
         self.final: set[str] = set()
-        self._near_ns = LAG_STEPS * self.convert.period
+        self._near_ns = LAG_STEPS * self.messages.period
         self._count = self._steps = 0
         self._order = Order()
         self._said = wire.RunState.WAITING.value
@@ -141,7 +141,7 @@ class Recording:
             bag.begin_file(further(self._order))
         self.attempt = self._order.attempt
         step = self._order.checkpoint
-        self.now_ns = self.said_ns = step * self.convert.period
+        self.now_ns = self.said_ns = step * self.messages.period
         run_text = self.run.to_yaml()
         record = {**self.run.record(), wire.FORMAT_KEY: str(FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
@@ -183,7 +183,7 @@ class Recording:
         due: list[RobotTables] = []
         waiting: list[RobotTables] = []
         for one in self._tables:
-            complete = one.step * self.convert.period <= heard_ns
+            complete = one.step * self.messages.period <= heard_ns
             begins = one.occasion == wire.Occasion.BEGIN
             # those of another attempt belong to an order that has not come yet
             there = one.attempt == self.attempt and (complete or begins or ending)
@@ -246,9 +246,8 @@ class Recording:
         node = self._node
         of_team, of_robot = map(ros_topics.recorded, (TEAM, ROBOT))
         for topic in of_team:
-            if topic is ros_topics.CLOCK:
-                topic = ros_topics.clock_of(self.run)
-            if topic is not ros_topics.RUN:
+            clock = topic is ros_topics.CLOCK and self.run.clock != OWN_CLOCK
+            if topic is not ros_topics.RUN and not clock:
                 self._record(topic, "")
         for robot in self.run.scenario.robots:
             for topic in of_robot:
@@ -310,21 +309,26 @@ class Recording:
         if node.direct is not None and topic.packed:
             node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            shared = topic.name == ros_topics.DIAGNOSTICS.name
+            if topic is ros_topics.DIAGNOSTICS:
+                write = partial(self._write_ours, write)
             qos = ros_topics.recorder_qos(topic)
-            unpack = self._of_this_namespace if shared else bytes
-            node.subscriber.listen(
-                topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
+            node.subscriber.listen_packed(
+                topic, lambda data: (data,), write, owner, qos=qos
             )
 
-    def _of_this_namespace(self, data: bytes) -> bytes:
-        """Return the diagnostics of nodes in this node's namespace; b"": there are none."""
+    def _write_ours(self, write: Callable[[bytes], None], data: bytes) -> None:
+        """Write diagnostics that are of nodes in this node's namespace."""
+        if self._of_this_namespace(data):
+            write(data)
+
+    def _of_this_namespace(self, data: bytes) -> bool:
+        """Return whether diagnostics are of nodes in this node's namespace."""
         space = self._node.get_namespace().strip("/")
         names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
         spaces = {
             name.partition(":")[0].strip("/").rpartition("/")[0] for name in names
         }
-        return data if space in spaces else b""
+        return space in spaces
 
     # The methods of a follower of a run.
 
@@ -336,7 +340,7 @@ class Recording:
             self._open = False
             if self.attempt != NO_ATTEMPT:
                 self._quiet_since = time.monotonic()
-        sec, nanosec = self.convert.stamp(said.step)
+        sec, nanosec = self.messages.stamp(said.step)
         self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
@@ -420,7 +424,7 @@ def checkpoints_in(bag: Bag) -> list[int]:
 
 
 class Recorder(Follower):
-    """Records every topic of the team and the service events, unchanged.
+    """Records the topics of the team, unchanged.
 
     A killed recorder loses what it heard since it last flushed.
 
