@@ -40,7 +40,7 @@ from sparse_coord_ros.core.runs.run_config import (
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
 from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.core.solve.shipped import known_optimum
-from sparse_coord_ros.core.solve.verdict import LOST, last_word
+from sparse_coord_ros.core.solve.verdict import LOST, verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -265,12 +265,12 @@ def _say(
         measures = evaluation_of(
             run, done.tables, trials or TRIALS.default, 0, exact=exact
         )
-        word = last_word(scenario, run.rule, measures)
+        word = verdict_on(scenario, run.rule, measures)
         optimum = known_optimum(scenario)
         facts |= {
             "optimum": optimum.value,
             "optimum_exact": optimum.exact,
-            "last_word": word,
+            "verdict": word,
         }
         facts["evaluation"] = measures.to_dict()
         lines = [result_table([Evaluated(out, run, measures)])]
@@ -279,8 +279,8 @@ def _say(
             last_line = [word.text]
         else:
             lines.append(word.text)
-    if expected.text not in "".join(lines):
-        lines.append(expected.text)
+    else:
+        lines = [expected.text]
     lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
     lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
     lines.append(f"run      {out / RUN_FILE}")

@@ -35,6 +35,7 @@ from sparse_coord_ros.protocol.wire.status import (
     read_status,
     values_of,
 )
+from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.nodes.body import read_command
 from sparse_coord_ros.ros.nodes.body_messages import (
     goals_message,
@@ -46,7 +47,6 @@ from sparse_coord_ros.ros.nodes.messages import (
     cell_pose,
     map_header,
     messages_of,
-    read_tables_message,
     status,
     tables_message,
 )
@@ -203,7 +203,7 @@ def test_markers_show_doorways_goals_and_robots():
 
 def test_tables_travel_as_bytes():
     message = tables_message(b"some bytes", 7, "final", "ab")
-    assert read_tables_message(message) == (b"some bytes", 7, "final", "ab")
+    assert read_tables(message) == (b"some bytes", 7, "final", "ab")
 
 
 def test_values_of_a_status_come_back():
@@ -298,7 +298,7 @@ def tables(changes):
     message = tables_message(b"some bytes", 7, "final", "ab")
     message.layout.dim[0].label = changes.get("label", message.layout.dim[0].label)
     message.layout.dim = message.layout.dim[: changes.get("count", 3)]
-    return read_tables_message(message)
+    return read_tables(message)
 
 
 def world_status(changes):

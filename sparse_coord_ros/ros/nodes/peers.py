@@ -113,6 +113,11 @@ class Peer:
         self._silent = True
         self._unsent = None
 
+    @property
+    def waits(self) -> bool:
+        """True if a request is not answered yet, or could not be sent."""
+        return self._open is not None or self._unsent is not None
+
     def _on_done(self, step: int, future: Future) -> None:
         if future.cancelled() or future.result() is None:
             return
@@ -151,6 +156,7 @@ class Peers:
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer)
         self._peers: dict[int, Peer] = {}
+        self._requested: set[int] = set()
         for k, name in enumerate(self._names):
             if name == node.get_name():
                 continue
@@ -169,6 +175,7 @@ class Peers:
 
     def ask(self, peer: int, step: int, cell: int) -> bool:
         """Ask a peer for its local state; return whether to wait, as `Peer.request` does."""
+        self._requested.add(peer)
         return self._peers[peer].request(cell_pose(self._messages, step, cell), step)
 
     def start_anew(self) -> None:
@@ -184,8 +191,11 @@ class Peers:
             if asked is not None:
                 asked.gave_up()
             self._side.expire()
-        for peer in self._peers.values():
+        for k in tuple(self._requested):
+            peer = self._peers[k]
             peer.send_what_waits()
+            if not peer.waits:
+                self._requested.remove(k)
 
     def _answer(
         self, request: GetPlan.Request, response: GetPlan.Response

@@ -179,6 +179,8 @@ class RobotNode(Follower):
         for ear in self._ears:  # what they would still hear is of the attempt before
             self.destroy_subscription(ear)
         self._ears.clear()
+        for heard in self.shared_states.values():
+            heard.pop(self._name, None)
         self.peers.start_anew()
         self.joined = False
         self._asking = b""
@@ -218,21 +220,40 @@ class RobotNode(Follower):
 
     def _listen(self) -> None:
         """Subscribe to the world: only messages that it publishes from now on arrive."""
+        messages = self._messages
         side = self.lockstep
-        unpack = self._messages.unpack_state
         listen = self.subscriber.listen_packed
-        self._ears = [
-            listen(
-                ros_topics.REWARD, self._messages.unpack_reward, side.reward, self._name
-            ),
-            listen(ros_topics.LOCAL_STATE, unpack, side.state, self._name),
-        ]
+        reward = listen(
+            ros_topics.REWARD, messages.unpack_reward, side.reward, self._name
+        )
+        on_state = self._share_state if side.run.sees_all else side.state
+        state = listen(
+            ros_topics.LOCAL_STATE, messages.unpack_state, on_state, self._name
+        )
+        self._ears = [reward, state]
         if side.run.sees_all:
-            for peer in side.agent.peers:
-                then = partial(side.peer_state, peer)
-                name = self._messages.names[peer]
-                self._ears.append(listen(ros_topics.LOCAL_STATE, unpack, then, name))
+            self._listen_to_peers()
         self.joined = True
+
+    def _listen_to_peers(self) -> None:
+        """Hear the peers' states: from robots of this process directly, else by subscriptions."""
+        side = self.lockstep
+        for peer in side.agent.peers:
+            then = partial(side.peer_state, peer)
+            name = self._messages.names[peer]
+            if name in self.shared_states:
+                self.shared_states[name][self._name] = then
+            else:
+                unpack = self._messages.unpack_state
+                topic = ros_topics.LOCAL_STATE
+                ear = self.subscriber.listen_packed(topic, unpack, then, name)
+                self._ears.append(ear)
+
+    def _share_state(self, step: int, cell: int) -> None:
+        """Process the own state, and hand it to the robots of this process that see it."""
+        self.lockstep.state(step, cell)
+        for then in tuple(self.shared_states.get(self._name, {}).values()):
+            then(step, cell)
 
     # Outgoing: the port of the lock step.
 

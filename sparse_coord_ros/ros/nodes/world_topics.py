@@ -108,8 +108,6 @@ class WorldTopics:
         missing = []
         for k, (name, action) in enumerate(zip(self._names, self.actions, strict=True)):
             heard = [self.rewards[k], self.states[k]]
-            if self._run.sees_all:
-                heard = [self.rewards[k], *self.states]
             ends = [one.topic_name for one in heard if not heard_by(one, name)]
             lacks = [f"a subscription to {topic}" for topic in ends]
             if action.get_publisher_count() == 0:
