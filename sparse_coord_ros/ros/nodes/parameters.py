@@ -211,7 +211,7 @@ class ParameterNode(Node):
         self.direct = place.get("direct")
         self.shared_clients = place.get("shared_clients", {})
         self.shared_states = place.get("shared_states", {})
-        self.subscriber = Subscriber(self)
+        self.subscriber = Subscriber(self, self.fail)
         try:
             self.values = self._declare()
             self.set_up()
@@ -389,7 +389,7 @@ class ParameterNode(Node):
         parsed = self.parse(SettingTable(takes.values()), given)
         values = {**self._table.defaults(), **parsed}
         allow_modules(values.get("allow", ()))
-        rows = [
+        rows: list[Any] = [
             (name, values[name], self._descriptor(setting))
             for name, setting in self._table.items()
         ]
