@@ -22,6 +22,7 @@ from sparse_coord_ros.base.errors import (
     SparseCoordError,
 )
 from sparse_coord_ros.base.signals import STOPPING
+from sparse_coord_ros.base.streams import open_streams
 
 COMMAND_LINE = "sparse_coord"
 NODES = (
@@ -33,6 +34,8 @@ NODES = (
 
 def sparse_coord() -> int:
     """Run the command line."""
+    # Verbs draw files. A notebook's shell names its own backend, which may be missing here.
+    os.environ["MPLBACKEND"] = "agg"
     atexit.register(gc.freeze)  # the process ends at once: no search for garbage before
     return main(COMMAND_LINE)
 
@@ -65,6 +68,7 @@ def main(name: str) -> int:
     Args:
         name: one of `NODES`, or `COMMAND_LINE`.
     """
+    open_streams()
     is_node = name != COMMAND_LINE
     is_live = is_node or runs_nodes(sys.argv[1:2])
     module = (

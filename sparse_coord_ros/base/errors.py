@@ -212,8 +212,19 @@ OTHER_WORDS = {
     "algorithm": "learner",
     "agent": "learner",
     "output": "out",
+    "total_timesteps": "steps",
+    "step_cost": "goal_reward",
+    "step_reward": "goal_reward",
+    "step_penalty": "goal_reward",
+    "time_penalty": "goal_reward",
+    "living_reward": "goal_reward",
+    "iql": "noncoop",
 }
 """Names that other software has for our settings and options."""
+
+
+NEAR = 0.55
+"""How alike a misspelt name is at least to the right one, by difflib: "kop" and "coop" are."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -226,7 +237,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     bare = wanted.lstrip("-").replace("-", "_")
     if bare in OTHER_WORDS:
         wanted = wanted.removesuffix(wanted.lstrip("-")) + OTHER_WORDS[bare]
-    near = difflib.get_close_matches(wanted, names, n=1)
+    near = difflib.get_close_matches(wanted, names, n=1, cutoff=NEAR)
     return f" (did you mean {names[near[0]]!r}?)" if near else ""
 
 

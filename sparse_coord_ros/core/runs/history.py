@@ -197,6 +197,63 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     )
 
 
+MEAN_CURVES = ("length", "miscoordinations", "asks", "arrived")
+"""The learning curves of several runs."""
+
+PARTS = 50
+"""Points of such a curve."""
+
+
+def mean_curves(histories: Sequence[History], steps: int) -> dict[str, np.ndarray]:
+    """Return learning curves, averaged over runs, with their standard errors.
+
+    Args:
+        histories: of each run.
+        steps: the learning steps of a run.
+
+    Returns:
+        `steps`, the learning steps at the end of each part, and for each of `MEAN_CURVES` the mean
+        of the episodes that end in the part, and `<name>_error`; NaN where none does.
+    """
+    ends = np.linspace(0, steps, PARTS + 1)[1:]
+    curves: dict[str, np.ndarray] = {"steps": ends}
+    for name in MEAN_CURVES:
+        by_run = np.array([_by_part(history, name, ends) for history in histories])
+        known = ~np.isnan(by_run)
+        count = known.sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(known, by_run, 0.0).sum(axis=0) / count
+            squares = np.where(known, (by_run - mean) ** 2, 0.0).sum(axis=0)
+            error = np.sqrt(squares / (count - 1) / count)
+        curves[name] = mean
+        curves[f"{name}_error"] = error
+    return curves
+
+
+def _by_part(history: History, name: str, ends: np.ndarray) -> np.ndarray:
+    """Return the mean of a measure over the episodes that end in each part of a run."""
+    values = np.asarray(getattr(history, name), dtype=np.float64)
+    if values.ndim == 2:
+        values = (values * history.present).sum(axis=1) / history.present.sum(axis=1)
+    done = _learning_steps(history)
+    whole = done < ends[-1]  # the budget's end cuts an episode off
+    values = values[whole]
+    part = np.searchsorted(ends, done[whole])
+    sums = np.bincount(part, values, minlength=len(ends))
+    counts = np.bincount(part, minlength=len(ends))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(sums / counts)
+
+
+def _learning_steps(history: History) -> np.ndarray:
+    """Return the learning steps at the end of each episode; robots that learn alone each count."""
+    done = np.zeros(history.episodes)
+    for group in np.unique(history.present, axis=0):
+        own = (history.present == group).all(axis=1)
+        done[own] = np.cumsum(history.length[own])
+    return done
+
+
 class HistoryRecorder:
     """Gathers the history of a run that is fed to it transition by transition.
 

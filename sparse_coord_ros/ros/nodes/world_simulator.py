@@ -20,7 +20,7 @@ from sparse_coord_ros.core.game.interactions import can_miscoordinate, interacti
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.repeating import repeating_command
-from sparse_coord_ros.core.runs.run_config import RUN_FILE
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, SUMMARY_FILE
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
@@ -29,7 +29,7 @@ from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.ros.nodes.messages import run_announced
-from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
+from sparse_coord_ros.ros.nodes.outputs import Output, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
     NodePlace,
