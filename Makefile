@@ -2,6 +2,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 RUN := runs/demo_$(shell date +%Y%m%d_%H%M%S)
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 PYTHON ?= python3
 # Stay on this machine, so that demos on one network do not meet.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -12,9 +13,9 @@ unexport PYTHONDONTWRITEBYTECODE
 
 # The same doorway twice: by the paper's learner, and by ours. Then both on one page.
 demo: $(VENV)/runs
-	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
+	$(BIN)/sparse_coord run env1 --steps 20000 --seed 1 --out $(RUN)
 	@echo
-	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --learner voi --out $(RUN)_voi
+	$(BIN)/sparse_coord run env1 --steps 20000 --seed 1 --learner voi --out $(RUN)_voi
 	@echo
 	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_voi
 	@echo
@@ -41,18 +42,18 @@ types: $(VENV)/tests
 
 # The documentation with the reference of the Python API, as pages in docs/_build/html.
 docs: $(VENV)/tests
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	$(PIP) -e '.[docs]'
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
 
 # Which lines the tests run. A test that is interrupted may leave coverage's own lock held.
 coverage: $(VENV)/tests
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[coverage]'
+	$(PIP) -e '.[coverage]'
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --cov=sparse_coord_ros --cov-report=term:skip-covered -k "not interrupt and not closed_batch"
 
 # Packages to publish: source distribution and wheel, in dist.
 dist: $(VENV)/runs
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dist]'
+	$(PIP) -e '.[dist]'
 	rm -rf dist
 	$(BIN)/python -m build
 	$(BIN)/python -m twine check --strict dist/*
@@ -65,7 +66,8 @@ clean:
 	rm -rf $(VENV) docs/_build docs/generated dist .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.
+# Where ROS 2 is there already (rclpy imports), the environment uses it, and its NumPy: pip keeps these.
+# Elsewhere ROS 2 comes from PyPI, installed by uv, which takes seconds; by pip where uv fails.
 # Python compiles each module when it is imported first: pip would compile all of them.
 define install
 	@command -v $(PYTHON) >/dev/null || \
@@ -80,8 +82,12 @@ define install
 	else \
 	  $(PYTHON) -m venv --clear $(VENV); \
 	fi
-	@if $(BIN)/python -c 'import rclpy' 2>/dev/null; then ros=; else ros=ros,; fi; \
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e ".[$${ros}$(EXTRAS)]"
+	@if grep -q 'system-site-packages = true' $(VENV)/pyvenv.cfg; then \
+	  $(PIP) -e '.[$(EXTRAS)]'; \
+	else \
+	  { $(PIP) uv && $(BIN)/uv pip install --quiet --python $(BIN)/python -e '.[ros,$(EXTRAS)]'; } || \
+	  $(PIP) -e '.[ros,$(EXTRAS)]'; \
+	fi
 	@touch $@
 endef
 

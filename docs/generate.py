@@ -165,12 +165,12 @@ S is a robot's start, G its goal, an orange frame a doorway. Cells are (row, col
 ## Load it
 
 ```python
-scenario = sc.load_scenario("{name}", penalty=-100)
+scenario = sc.load_scenario("{name}")
 run = sc.train(scenario, "coop")
 ```
 
 ```bash
-sparse_coord train {name} --penalty -100 --out runs/{name}
+sparse_coord train {name} --out runs/{name}
 ```
 
 ## What a team can be worth

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyse a recorded run: python analyse_log.py BAG.
 
-A bag comes from e.g.: sparse_coord run env1 --penalty -100 --steps 20000 --out runs/demo
+A bag comes from e.g.: sparse_coord run env1 --steps 20000 --out runs/demo
 """
 
 import sys

@@ -25,9 +25,7 @@ sc.register_perception("fog", fog)
 if __name__ == "__main__":
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
     for perception in ("always", "fog:4", "fog:1"):
-        scenario = sc.load_scenario(
-            "env1", penalty=-100, steps=steps, perception=perception
-        )
+        scenario = sc.load_scenario("env1", steps=steps, perception=perception)
         team = sc.evaluate(sc.train(scenario, seed=2))
         said = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
         print(f"{perception}: {', '.join(said)}")

@@ -115,7 +115,7 @@ def play(scenario, robots, trials):
 
 def main(steps=20_000, runs=20, trials=1000):
     """Print means and standard errors over the runs."""
-    scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
+    scenario = sc.load_scenario("env1", steps=steps)
     results = {}
     for title, asks in (
         ("OpenSpiel Q-learner", False),

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import sparse_coord_ros as sc
 
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
-scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
+scenario = sc.load_scenario("env1", steps=steps)
 
 for learner in ("noncoop", "coop"):
     training = sc.train(scenario, learner, seed=0)

@@ -12,7 +12,7 @@ def main() -> None:
     steps, runs = [int(text) for text in sys.argv[1:]] + [20_000, 20][
         len(sys.argv) - 1 :
     ]
-    scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
+    scenario = sc.load_scenario("env1", steps=steps)
     swept = sc.sweep(scenario, {"learner": ["noncoop", "coop"]}, runs=runs, trials=200)
     frame = sc.to_pandas(swept, by_run=True)
     print(

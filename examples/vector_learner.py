@@ -69,7 +69,7 @@ def play(scenario, q, games=4000):
 
 def main(calls=3000):
     """Print the value of a team that has learned in so many calls of `step`."""
-    scenario = sc.load_scenario("env1", penalty=-100)
+    scenario = sc.load_scenario("env1")
     returns = play(scenario, learn(scenario, calls)).mean(axis=1)
     error = returns.std(ddof=1) / len(returns) ** 0.5
     print(f"learned: {returns.mean():.2f} ± {error:.2f}")

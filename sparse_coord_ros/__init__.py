@@ -7,7 +7,7 @@ used::
 
     import sparse_coord_ros as sc
 
-    scenario = sc.load_scenario("env1", penalty=-100)
+    scenario = sc.load_scenario("env1")
     training = sc.train(scenario, "coop", seed=1)
     print(sc.evaluate(training).mean("returns"), sc.optimum(scenario).value)
 """

@@ -18,6 +18,7 @@ from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.ros.nodes.environment import use_udp
 
 settings.register_profile("tests", derandomize=True, max_examples=40, deadline=None)
 settings.load_profile("tests")
@@ -50,9 +51,8 @@ def ros_environment():
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": folder,
-            # A killed process would leave shared memory behind.
-            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
         }
+        use_udp(settings)
         before = {name: os.environ.get(name) for name in settings}
         os.environ.update(settings)
         yield
@@ -96,9 +96,9 @@ def rewritten():
 
 
 def pytest_configure(config):
-    """Keep compiled loops for all processes of this test run, and no longer.
+    """Keep compiled loops from one test run to the next, in pytest's cache, by their sources.
 
-    Where the caller names a folder for them (`SPARSE_COORD_CACHE`), they stay there.
+    Where the caller names a folder for them (`SPARSE_COORD_CACHE`), they are kept there.
 
     Tests that are started in the background, or under nohup, begin with signals ignored, and so do
     their subprocesses: here they are as in a terminal.
@@ -106,11 +106,10 @@ def pytest_configure(config):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     if not hasattr(config, "workerinput"):
-        folder = tempfile.TemporaryDirectory(prefix="sparse_coord_kept_")
-        config.add_cleanup(folder.cleanup)
-        os.environ.setdefault(FOLDER_VARIABLE, folder.name)
+        kept = str(config.cache.mkdir("compiled"))
+        os.environ.setdefault(FOLDER_VARIABLE, kept)
         os.environ.setdefault("NUMBA_CACHE_DIR", os.environ[FOLDER_VARIABLE])
-        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder.name}/hypothesis"
+        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{kept}/hypothesis"
 
 
 @pytest.fixture(scope="session")

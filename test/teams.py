@@ -38,11 +38,15 @@ PROTOCOL = {
 
 
 def drawn(grid="1..D..2", robots=None, **settings):
-    """Return a scenario from the rows of a map, robots as {name: (start, goal)}."""
+    """Return a scenario from the rows of a map, robots as {name: (start, goal)}.
+
+    A miscoordination costs 20, as in the paper.
+    """
     robots = robots or {"robot_1": (1, 2), "robot_2": (2, 1)}
     data = {
         "map": {"name": "drawn", "text": f"title: drawn\n---\n{grid}\n"},
         "robots": {name: {"start": s, "goal": g} for name, (s, g) in robots.items()},
+        "penalty": -20,
         **settings,
     }
     return scenario_from_dict(data, where="drawn.yaml", name="drawn")

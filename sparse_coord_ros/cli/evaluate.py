@@ -42,7 +42,7 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
 )
-from sparse_coord_ros.studies.paper import paper_rows
+from sparse_coord_ros.studies.paper import PENALTY, paper_rows
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -224,7 +224,7 @@ def paper_row(run: RunConfig) -> dict:
     row = paper_rows().get(scenario.name, {}).get(run.learner, {})
     if not row:
         return {}
-    papers = load_scenario(scenario.name)
+    papers = load_scenario(scenario.name, penalty=PENALTY)
     same = shipped.game_digest(scenario) == shipped.game_digest(papers)
     return dict(row) if same and scenario.horizon == papers.horizon else {}
 

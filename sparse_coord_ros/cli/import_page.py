@@ -290,7 +290,7 @@ class ImportPage(Controlled):
         train.learn(options, self._out, run, board)
         show_end(board, self._out)
         self._learned = True
-        word = (board.get("evaluation") or {}).get("last_word", "")
+        word = (board.get("evaluation") or {}).get("verdict", "")
         self._tell(f"Learned: {self._out}. {word}")
 
     def _drive(self, out: Path) -> None:

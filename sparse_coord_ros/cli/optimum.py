@@ -42,7 +42,7 @@ from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 
 OF_THE_SEARCH = ("restarts", "seed", "out")
 
-EXAMPLE = "sparse_coord optimum env1 --penalty -100"
+EXAMPLE = "sparse_coord optimum env1"
 
 
 OPTIONS = (

@@ -19,7 +19,7 @@ from sparse_coord_ros.cli.evaluate import evaluation_of, result_of
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
-from sparse_coord_ros.core.solve.verdict import last_word
+from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
@@ -209,4 +209,4 @@ def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:
         shared.note(f"the run is finished and saved in {out}; its result: {again}")
         raise
     add_result(out, result_of(run.scenario, measures))
-    yield last_word(run.scenario, run.rule, measures).text
+    yield verdict_on(run.scenario, run.rule, measures).text

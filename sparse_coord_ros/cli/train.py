@@ -66,7 +66,7 @@ from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team, save_team
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.core.solve.shipped import known_optimum
-from sparse_coord_ros.core.solve.verdict import LOST, last_word
+from sparse_coord_ros.core.solve.verdict import LOST, verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -335,12 +335,13 @@ def _say(
     if trials != 0:
         measures = _evaluated(options, out, run, done)
         summary["result"] = summary_of(scenario, measures)
-        word = last_word(scenario, run.rule, measures)
+        word = verdict_on(scenario, run.rule, measures)
+        summary["verdict"] = word.text
         optimum = known_optimum(scenario)
         facts |= {
             "optimum": optimum.value,
             "optimum_exact": optimum.exact,
-            "last_word": word,
+            "verdict": word,
         }
         facts["evaluation"] = measures.to_dict()
         lines = [result_table([Evaluated(out, run, measures)])]
@@ -349,9 +350,8 @@ def _say(
             last_line = [word.text]
         else:
             lines.append(word.text)
-            summary["verdict"] = word.text
-    if expected.text not in "".join(lines):
-        lines.append(expected.text)
+    else:
+        lines = [expected.text]
     summary["repeat"] = repeating_command(run)
     summary["learning_steps"] = done.transitions
     summary["episodes"] = done.history.episodes

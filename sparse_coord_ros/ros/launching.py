@@ -50,7 +50,7 @@ ARGUMENTS = SettingTable(
         Setting(
             "scenario", str, "env1", "a shipped scenario's name, or a scenario file"
         ),
-        Setting("set", str, "", "changed scenario settings: penalty=-100,steps=2000"),
+        Setting("set", str, "", "changed scenario settings: penalty=-20,steps=2000"),
         *(_WORLD[name] for name in (*OF_WORLD, "clock")),
         Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
         Setting("record", bool, True, "record the run to the bag OUT/bag"),

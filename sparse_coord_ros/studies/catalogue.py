@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 from sparse_coord_ros.core.game.scenario import PEERS
 from sparse_coord_ros.studies.conditions import Condition, make_condition
+from sparse_coord_ros.studies.paper import PENALTY
 
 SMALL = ("env1", "env2-2r", "env2-4r")
 """Scenarios of the paper's Tables 1 and 2."""
@@ -70,7 +71,7 @@ def _every(
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:
-    return _every(names, {"learner": REPORTED_LEARNERS}, {"penalty": -20})
+    return _every(names, {"learner": REPORTED_LEARNERS}, {"penalty": PENALTY})
 
 
 def _figure4() -> list[Condition]:

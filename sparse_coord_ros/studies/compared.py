@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.studies.condition_result import ConditionResult
-from sparse_coord_ros.studies.paper import paper_rows
+from sparse_coord_ros.studies.paper import PENALTY, paper_rows
 
-PAPER_SETTINGS = (("penalty", "-20"),)
+PAPER_SETTINGS = (("penalty", str(PENALTY)),)
 """Settings of the conditions that the paper's Tables 1 to 3 show."""
 
 

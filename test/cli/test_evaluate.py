@@ -27,7 +27,7 @@ def trained(sparse_coord):
 
 
 def test_table(sparse_coord, trained):
-    trained("env1", "--learner", "indiv")
+    trained("env1", "--penalty", -20, "--learner", "indiv")
     code, out, err = sparse_coord("evaluate", "a", "--trials", 50)
     assert (code, err) == (0, "")
     for words in (
@@ -54,13 +54,13 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
 
 
 def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
-    trained("env1", "--learner", "noncoop", "--seed", "3")
+    trained("env1", "--penalty", -20, "--learner", "noncoop", "--seed", "3")
     code, out, err = sparse_coord(
         "evaluate", "a", "--trials", 40, "--seed", 9, "--json"
     )
     assert (code, err) == (0, "")
     data = json.loads(out)
-    scenario = load_scenario("env1")
+    scenario = load_scenario("env1", penalty=-20)
     result = play(scenario, tables_in(folder / "a"), trials=40, seed=9)
     assert data.items() >= result.to_dict().items()
     assert data["robots"] == result.by_robot()
@@ -74,14 +74,14 @@ def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
     "setting", ["goal_reward=9", "move_success=0.5", "interactions=swap", "horizon=50"]
 )
 def test_another_game_is_not_compared_with_the_paper(sparse_coord, trained, setting):
-    trained("env1", "--set", setting)
+    trained("env1", "--penalty", -20, "--set", setting)
     out = sparse_coord("evaluate", "a", "--trials", 5)[1]
     assert "paper" not in out
 
 
 def test_robots_that_saw_their_peers_are_named_so(sparse_coord, trained):
     """The paper's learned from answers alone."""
-    trained("env1", "--set", "peers_seen=while_learning")
+    trained("env1", "--penalty", -20, "--set", "peers_seen=while_learning")
     out = sparse_coord("evaluate", "a", "--trials", 5)[1]
     assert "\nCoop., peers seen while learning" in out and "paper" not in out
     data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])
@@ -89,7 +89,7 @@ def test_robots_that_saw_their_peers_are_named_so(sparse_coord, trained):
 
 
 def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
-    trained("env1", "--penalty", "-100")
+    trained("env1")
     data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])
     assert data["paper"] == {}
     assert data["optimum"] == pytest.approx(120.6, abs=0.1)
@@ -118,7 +118,7 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
 
 
 def test_exact(sparse_coord, trained, folder):
-    trained("env1", "--penalty", "-100")
+    trained("env1")
     code, out, err = sparse_coord("evaluate", "a", "--exact")
     assert (code, err) == (0, "")
     assert out.splitlines()[2].startswith("Coop. ") and "  exact\n" in out
@@ -137,9 +137,9 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     monkeypatch.setattr(module, "TRIALS", replace(TRIALS, default=30))
     short = ("--steps", 300, "--trials", 0)
     for out, *arguments in (
-        ("a", "env1", "--penalty", -100),
-        ("b", "env1", "--penalty", -100, "--learner", "noncoop"),
-        ("c", "env2-4r", "--seed", 4),
+        ("a", "env1"),
+        ("b", "env1", "--learner", "noncoop"),
+        ("c", "env2-4r", "--penalty", -20, "--seed", 4),
     ):
         assert sparse_coord("train", *arguments, *short, "--out", out)[0] == 0
     code, out, err = sparse_coord("evaluate", "a", "b", "c", "--json")

@@ -40,7 +40,7 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, plan):
     code, out, _ = sparse_coord("import-map", plan, *ENV1, *GOALS, "--out", "i")
     assert code == 0
     assert "1 doorway; lower left corner at 0,0" in out
-    assert "\nCoordination may pay: a robot alone in the world earns 126.45; " in out
+    assert "\nCoordination will pay: a robot alone in the world earns 126.45; " in out
     made = load_scenario(folder / "i" / "env1.yaml")
     original = load_scenario("env1")
     assert made.map.doorways == original.map.doorways

@@ -20,12 +20,12 @@ def test_an_id_reads_back_as_the_same_condition():
     [
         ("env1/coop/penalty=-20.0", "env1/coop/penalty=-20"),
         ("env1/coop/penalty=-0.0", "env1/coop/penalty=0"),
-        ("env1/coop/steps=10000", "env1/coop/penalty=-20"),
+        ("env1/coop/steps=10000", "env1/coop/penalty=-100"),
         ("env1/coop/steps=1e5,penalty=-100", "env1/coop/penalty=-100,steps=100000"),
         ("cit/coop/steps=100000,penalty=-100", "cit/coop/penalty=-100"),
         (
             "env1/coop/perception=probability:0.50,ask_cost=2",
-            "env1/coop/penalty=-20,ask_cost=2,perception=probability:0.5",
+            "env1/coop/penalty=-100,ask_cost=2,perception=probability:0.5",
         ),
     ],
 )

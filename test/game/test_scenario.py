@@ -66,16 +66,16 @@ def test_shipped_scenario(name):
 
 
 @pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
-def test_the_game_is_the_paper_s(name):
+def test_the_game_is_the_paper_s_but_for_a_larger_penalty(name):
     scenario = load_scenario(name)
     assert scenario.discount == 0.95
     assert scenario.move_success == 0.8
     assert scenario.goal_reward == 10.0
-    assert scenario.penalty == -20.0
+    assert scenario.penalty == -100.0
     assert scenario.ask_cost == 1.0
     assert scenario.interactions == "together"
     assert scenario.peers == "one"
-    assert scenario.penalties == (-20.0,) * len(scenario.robots)
+    assert scenario.penalties == (-100.0,) * len(scenario.robots)
     assert scenario.goal_value == pytest.approx(
         scenario.goal_reward / (1 - scenario.discount)
     )
@@ -145,16 +145,18 @@ def test_a_robot_alone_still_has_a_table_over_pairs(make):
 def test_settings_change_a_copy_only():
     scenario = load_scenario("env1")
     changed = scenario.with_settings(
-        {"penalty": "-100", "perception": "range:2", "steps": 5}
+        {"penalty": "-20", "perception": "range:2", "steps": 5}
     )
     assert (changed.penalty, changed.perception, changed.steps) == (
-        -100.0,
+        -20.0,
         Spec("range", (2.0,)),
         5,
     )
-    assert scenario.penalty == -20.0
+    assert scenario.penalty == -100.0
     assert (
-        changed.with_settings({"penalty": -20, "perception": "always", "steps": 10_000})
+        changed.with_settings(
+            {"penalty": -100, "perception": "always", "steps": 10_000}
+        )
         == scenario
     )
 

@@ -93,7 +93,7 @@ def test_with_defaults_of_ones_own_that_fails():
         def with_defaults(self, scenario):
             return 1 / 0 if scenario.penalty < -50 else None
 
-    scenario = load_scenario("env1")
+    scenario = load_scenario("env1", penalty=-20)
     with pytest.raises(SettingError, match="with_defaults returned None"):
         Wrong().with_defaults(scenario)
     with pytest.raises(PluginError, match="with_defaults: ZeroDivision"):

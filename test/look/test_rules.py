@@ -7,7 +7,7 @@ import pytest
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.show.rules import rules_in_words
 
-ENV1 = "If two robots are in one doorway, every robot pays 20. A question costs 1."
+ENV1 = "If two robots are in one doorway, every robot pays 100. A question costs 1."
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ ENV1 = "If two robots are in one doorway, every robot pays 20. A question costs 
     [
         ({}, ENV1),
         ({"penalty": -2500, "ask_cost": 0}, "pays 2,500. A question is free."),
-        ({"common_reward": "each:1:0"}, "every robot pays its own factor times 20. "),
+        ({"common_reward": "each:1:0"}, "every robot pays its own factor times 100. "),
         (
             {"interactions": "together:anywhere"},
             "are in one cell that is no goal, every",

@@ -8,7 +8,7 @@ from floor_plans import write
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.solve.exact import evaluate_best
-from sparse_coord_ros.core.solve.verdict import LOST, last_word
+from sparse_coord_ros.core.solve.verdict import LOST, verdict_on
 from sparse_coord_ros.lab.maps.image import read_floor_plan
 from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
 
@@ -37,4 +37,4 @@ def test_all_arrive(tmp_path, hall, robots):
         scenario, training.tables, trials=1000, seed=1, learner=learner
     )
     assert found.mean("arrived") >= 0.999
-    assert last_word(scenario, learner, found).kind != LOST
+    assert verdict_on(scenario, learner, found).kind != LOST

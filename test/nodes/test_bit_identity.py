@@ -180,7 +180,7 @@ def test_the_games_show_what_they_are_for(played):
     assert any(len(tables.memory["rho_keys"]) for tables in voi.tables)
     *_, hysteretic, _ = played("hysteretic")
     common = {reward.common for reward in hysteretic.rewards.values()}
-    assert common == {0.0, -20.0}
+    assert common == {0.0, -100.0}
     *_, cq, _ = played("cq")
     assert all((tables.q_coord.std(axis=1) > 0).any() for tables in cq.tables)
 

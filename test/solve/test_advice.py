@@ -105,6 +105,31 @@ def test_answers_that_fail_count_twice():
     assert worth_in_env1(1.0, perception="range:1")[1] == whole
 
 
+def test_it_says_that_few_questions_are_answered():
+    found = advice(load_scenario("env1", perception="probability:0.1"))
+    assert found.kind == WILL_NOT_PAY
+    assert found.text.endswith(
+        "as much as 28.0 questions cost; but only 10 % of the questions are answered. It will pay "
+        "at a penalty of -1000, or if a question costs at most 0.09, or if more questions are "
+        "answered."
+    )
+    found = advice(load_scenario("env1", perception="never"))
+    assert "; but no question is answered (perception never)." in found.text
+    assert found.remedy.startswith("Asking needs a perception model that answers")
+
+
+def test_what_it_says_would_make_asking_pay_does():
+    scenario = load_scenario("env1", penalty=-20)
+    found = advice(scenario)
+    assert found.kind == MAY_PAY and found.remedy in found.text
+    assert found.remedy == (
+        "It will pay at a penalty of -50, or if a question costs at most 0.73."
+    )
+    for setting in ({"penalty": -50}, {"ask_cost": 0.73}):
+        better = advice(scenario.with_settings(setting))
+        assert (better.kind, better.remedy) == (WILL_PAY, "")
+
+
 def test_larger_teams_are_measured_by_robots_alone():
     scenario = load_scenario("crowd-4r", penalty=-100)
     found = advice(scenario)

@@ -178,7 +178,7 @@ def test_compiled_loops_find_the_same(monkeypatch):
     ("name", "value"), [("env1", 121.1958), ("pentagon", 160.9817)]
 )
 def test_known_values(name, value):
-    scenario = load_scenario(name)
+    scenario = load_scenario(name, penalty=-20)
     found = find_asking_team(scenario, restarts=5, seed=3)
     assert found.value == pytest.approx(value, abs=1e-4)
     assert found.value == pytest.approx(shipped_asking_team(scenario).value, abs=1e-6)
@@ -205,7 +205,7 @@ def test_of_equally_good_moves_after_a_percept_the_first_is_chosen():
 @needs_numba
 def test_who_steps_aside_for_both_would_rather_not():
     """env1 at -20: the robot that asks pays for what both gain."""
-    scenario = load_scenario("env1")
+    scenario = load_scenario("env1", penalty=-20)
     found = find_asking_team(scenario, restarts=3)
     asking = [bool(robot.asks) for robot in found.robots]
     assert sorted(asking) == [False, True]
@@ -325,15 +325,6 @@ def test_teams_that_swap_or_block_are_worth_what_is_said(title):
     assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
     assert bound.value <= joint_optimum(scenario).value + 1e-6
     assert bound.value >= shortest_paths(scenario).mean("returns")
-
-
-@pytest.mark.parametrize("name", ["lane", "aisle"])
-def test_teams_of_the_teaching_scenarios_are_worth_what_is_said(name):
-    scenario = load_scenario(name)
-    bound = shipped_asking_team(scenario)
-    assert class_value(scenario, bound.robots) == pytest.approx(bound.value, abs=1e-6)
-    assert bound.value <= joint_optimum(scenario).value + 1e-6
-    assert bound.value >= shortest_paths(scenario).mean("returns") - 1e-6
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-2r", "pentagon", "isr", "cit"])

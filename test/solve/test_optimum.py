@@ -37,7 +37,7 @@ EXACT = {
 @pytest.mark.parametrize("name", EXACT)
 def test_exact_values(name):
     value, states = EXACT[name]
-    optimum = joint_optimum(load_scenario(name))
+    optimum = joint_optimum(load_scenario(name, penalty=-20))
     assert optimum.exact
     assert optimum.joint_states == states
     assert optimum.value == pytest.approx(value, abs=0.01)

@@ -41,7 +41,7 @@ ROOMS = "1..#..3\n...D..2\n..#D..4"
 @pytest.mark.parametrize("name", RANDOM)
 def test_golden_values(name):
     at_20, at_100, steps = RANDOM[name]
-    scenario = load_scenario(name)
+    scenario = load_scenario(name, penalty=-20)
     reference = shortest_paths(scenario)
     assert reference.mean("returns") == pytest.approx(at_20, abs=2e-9)
     assert reference.mean("miscoordinations") == pytest.approx(steps, abs=2e-9)

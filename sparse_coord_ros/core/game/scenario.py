@@ -135,8 +135,8 @@ class Scenario:
         high=LARGEST,
     )
     penalty: float = setting(
-        -20.0,
-        "penalty of a miscoordination (r^C), paid by all robots",
+        -100.0,
+        "penalty of a miscoordination (r^C), paid by all robots; the paper's is -20",
         low=-LARGEST,
         high=0,
     )
@@ -253,7 +253,7 @@ class Scenario:
 
     @property
     def label(self) -> str:
-        """Its name, and each setting that differs from its default: `env1, penalty=-100`."""
+        """Its name, and each setting that differs from its default: `env1, penalty=-20`."""
         defaults = SETTINGS.defaults()
         own = {
             n: v
@@ -313,7 +313,7 @@ class Scenario:
     def with_settings(
         self, values: Mapping[str, object] | None = None, /, **settings: object
     ) -> "Scenario":
-        """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
+        """Return a copy with some settings changed, e.g. `with_settings(penalty=-20)`.
 
         Naming a perception model here allows its module to be imported. The function itself also
         works: `perception=fog`, or `perception=(fog, 4)` with its numbers.
@@ -445,7 +445,7 @@ def loaded(scenario: ScenarioLike) -> Scenario:
 def load_scenario(
     name: str | Path, *, allow: str | Iterable[str] = (), **settings: object
 ) -> Scenario:
-    """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
+    """Read a scenario, e.g. `load_scenario("env1", penalty=-20)`.
 
     Args:
         name: the name of a shipped scenario or of a generated building (`core.game.buildings`), or

@@ -10,6 +10,11 @@ and what they will gain by asking (docs/when.md has the measurements behind the 
 import math
 from typing import NamedTuple
 
+from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.core.game.interactions import (
+    can_miscoordinate,
+    interactions_of,
+)
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.optimum import independent_bound
@@ -43,6 +48,9 @@ SURE_RELATIVE_GAIN_BY_BOUND = 30.0
 FREE = 0.001
 """Robots can avoid each other for nothing if that costs at most this share of the loss."""
 
+LARGER_PENALTIES = (-50.0, -100.0, -200.0, -500.0, -1000.0)
+"""Those that are tried where asking is not worth its price."""
+
 NOTHING = 1e-9
 """A loss up to this share of the value of a robot alone is rounding."""
 
@@ -56,7 +64,8 @@ class Advice(NamedTuple):
         ratio: the loss in questions: so many cost as much. Infinite where questions are free.
         gain: at most so much of the loss a team can win back: up to the joint optimum, or to
             robots alone in the world where the optimum is not known.
-        text: a sentence for people.
+        text: sentences for people, with the remedy.
+        remedy: a sentence on what would make asking pay; empty: it pays, or nothing would.
     """
 
     kind: str
@@ -64,6 +73,7 @@ class Advice(NamedTuple):
     ratio: float
     gain: float
     text: str
+    remedy: str
 
 
 def advice(scenario: Scenario) -> Advice:
@@ -71,13 +81,11 @@ def advice(scenario: Scenario) -> Advice:
     loss = loss_of_ignoring(scenario)
     ratio = in_questions(loss, scenario)
     optimum = known_optimum(scenario)
-    gain = _positive(loss - independent_bound(scenario) + optimum.value, scenario)
-    sure = SURE_RELATIVE_GAIN if optimum.exact else SURE_RELATIVE_GAIN_BY_BOUND
-    kind = _kind_of(relative_gain(gain, scenario), sure)
-    if kind != WILL_NOT_PAY and optimum.exact and is_avoidable(loss, gain):
-        kind = AVOIDABLE
+    gain = _gain(scenario, loss)
+    kind = _kind(scenario, loss, gain)
     if len(scenario.robots) == 1:
-        return Advice(kind, loss, ratio, gain, "With one robot there is nobody to ask.")
+        alone = "With one robot there is nobody to ask."
+        return Advice(kind, loss, ratio, gain, alone, "")
     facts = f"a robot alone in the world earns {independent_bound(scenario):.2f}"
     if loss == 0.0:
         facts += "; robots that ignore each other earn as much"
@@ -86,7 +94,69 @@ def advice(scenario: Scenario) -> Advice:
         if optimum.exact:
             facts += f"; a team can win back {gain:.2f} of that"
         facts += f", {_cost_in_words(in_questions(gain, scenario))}"
-    return Advice(kind, loss, ratio, gain, f"{SENTENCES[kind]}: {facts}.")
+        facts += _answers_in_words(scenario)
+    remedy = _remedy(scenario, kind, loss, gain)
+    text = f"{SENTENCES[kind]}: {facts}. {remedy}".rstrip()
+    return Advice(kind, loss, ratio, gain, text, remedy)
+
+
+def _gain(scenario: Scenario, loss: float) -> float:
+    """Return how much of the loss the joint optimum, or its bound, wins back."""
+    best = known_optimum(scenario).value
+    return _positive(loss - independent_bound(scenario) + best, scenario)
+
+
+def _kind(scenario: Scenario, loss: float, gain: float) -> str:
+    """Return one of the words above."""
+    exact = known_optimum(scenario).exact
+    kind = _kind_of(relative_gain(gain, scenario), _sure(scenario))
+    if kind != WILL_NOT_PAY and exact and is_avoidable(loss, gain):
+        return AVOIDABLE
+    return kind
+
+
+def _sure(scenario: Scenario) -> float:
+    """Return the relative gain from which on asking will pay."""
+    if known_optimum(scenario).exact:
+        return SURE_RELATIVE_GAIN
+    return SURE_RELATIVE_GAIN_BY_BOUND
+
+
+def _remedy(scenario: Scenario, kind: str, loss: float, gain: float) -> str:
+    """Return a sentence on what would make asking pay; empty: it pays, or nothing would."""
+    if kind not in (WILL_NOT_PAY, MAY_PAY) or loss == 0.0:
+        return ""
+    chance = chance_of_answer(scenario)
+    if chance == 0.0:
+        return (
+            "Asking needs a perception model that answers, such as perception=always."
+        )
+    cost = math.floor(100 * gain * chance**2 / _sure(scenario)) / 100
+    ways = []
+    penalty = _sufficient_penalty(scenario)
+    if penalty is not None:
+        ways.append(f"at a penalty of {penalty:g}")
+    if cost > 0.0:
+        ways.append(f"if a question costs at most {cost:g}")
+    if chance < 1.0 and in_questions(gain, scenario) >= _sure(scenario):
+        ways.append("if more questions are answered")
+    if not ways:
+        return ""
+    return f"It will pay {', or '.join(ways)}."
+
+
+def _sufficient_penalty(scenario: Scenario) -> float | None:
+    """Return the smallest of some larger penalties at which asking will pay; None: unknown."""
+    costs = can_miscoordinate(interactions_of(scenario))
+    if not costs or not known_optimum(scenario).exact:
+        return None
+    for penalty in LARGER_PENALTIES:
+        if penalty < scenario.penalty:
+            dearer = scenario.changed({"penalty": penalty})
+            loss = loss_of_ignoring(dearer)
+            if _kind(dearer, loss, _gain(dearer, loss)) == WILL_PAY:
+                return penalty
+    return None
 
 
 def _kind_of(gain_in_costs: float, sure: float) -> str:
@@ -144,6 +214,16 @@ def is_avoidable(loss: float, gain: float) -> bool:
         gain: the part of the loss that the joint optimum regains.
     """
     return loss - gain <= FREE * loss
+
+
+def _answers_in_words(scenario: Scenario) -> str:
+    """Return how many questions are answered, where not all of them are."""
+    chance = chance_of_answer(scenario)
+    if chance == 0.0:
+        return f"; but no question is answered (perception {scenario.perception})"
+    if chance == 1.0:
+        return ""
+    return f"; but only {percent(chance, whole=True)} of the questions are answered"
 
 
 def _cost_in_words(questions: float) -> str:

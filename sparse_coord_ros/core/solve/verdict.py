@@ -11,7 +11,13 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.voi import Voi
 from sparse_coord_ros.core.runs.measures import Measures
-from sparse_coord_ros.core.solve.advice import AVOIDABLE, WILL_NOT_PAY, advice
+from sparse_coord_ros.core.solve.advice import (
+    AVOIDABLE,
+    WILL_NOT_PAY,
+    WILL_PAY,
+    Advice,
+    advice,
+)
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.core.solve.shipped import yardsticks
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
@@ -47,67 +53,66 @@ class Verdict(NamedTuple):
     text: str
 
 
-def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
+def verdict_on(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
     """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
     best team known earns beyond that. A team has learned to coordinate if its robots ask and
     it closes at least half of the gap. A team whose robots do not ask may earn more than robots
-    that ignore each other, too: by its choice among equally short paths, or by a detour. Where all
-    arrive, and percepts can succeed, the text says whether coordination was to be expected to pay.
+    that ignore each other, too: by its choice among equally short paths, or by a detour. The text
+    says what to try if something is left to win, and what would make asking pay where it is not
+    worth its price.
 
     Args:
         scenario: the problem.
         learner: the learner.
         found: the value of its team.
     """
+    expected = advice(scenario)
+    remedy = _remedy(scenario, learner, expected)
     if found.failed:
-        missed = 1.0 - found.mean("arrived")
-        cure = "more steps"
-        if not isinstance(learner, Voi):
-            cure = "more steps, or --learner voi"
-        return Verdict(
-            LOST,
-            f"In {percent(missed)} of the episodes some robot did not arrive. Try {cure}.",
-        )
-    alone = independent_bound(scenario)
+        missed = percent(1.0 - found.mean("arrived"))
+        said = f"In {missed} of the episodes some robot did not arrive."
+        steps = "Try more steps"
+        if not isinstance(learner, Voi) and expected.kind == WILL_PAY:
+            steps += ", or --learner voi"
+        return Verdict(LOST, f"{said} {steps}.")
     ignoring = shortest_paths(scenario)
     earned = found.mean("returns")
     without = ignoring.mean("returns")
-    slight = SLIGHT * alone
-    expected = advice(scenario)
-    remedy = _remedy(scenario, learner)
+    slight = SLIGHT * independent_bound(scenario)
     error = math.hypot(found.error("returns"), ignoring.error("returns"))
     if without - earned > slight + LOSS_ERRORS * error:
-        return Verdict(
-            WORSE,
+        said = (
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
-            f"on shortest paths without asking {without:.2f}. {remedy}",
+            f"on shortest paths without asking {without:.2f}."
         )
+        cure = remedy or "Try more steps, or --learner noncoop, which cannot ask."
+        return Verdict(WORSE, f"{said} {cure}")
     [(name, best), *_] = yardsticks(scenario)
     gap = best - without
     if gap <= slight:
-        return Verdict(
-            NEEDLESS,
+        said = (
             f"Coordination is not needed here: robots that ignore each other earn "
             f"{without:.2f} each, the {name} {best:.2f}. A robot of this team earns "
-            f"{earned:.2f}. {expected.text}",
+            f"{earned:.2f}. {expected.remedy}"
         )
+        return Verdict(NEEDLESS, said.rstrip())
     own = f"a robot earns {earned:.2f}, robots that ignore each other {without:.2f}"
     if not percepts_can_succeed(scenario):
         return Verdict(IN_VAIN, f"{remedy} In this team {own}.")
+    if best - earned <= slight:
+        remedy = ""
     asks = found.mean("asks")
     if not learner.asks or asks < RARE:
         why = f"a robot asks {asks:.2g} times an episode"
         if not learner.asks:
             why = f"the learner {learner.title or learner.label} cannot ask"
-        if expected.kind in (WILL_NOT_PAY, AVOIDABLE):
-            remedy = ""
-        return Verdict(
-            SILENT,
+        said = (
             f"The team does not coordinate by asking: {why}. In this team {own}, "
-            f"the {name} {best:.2f}. {expected.text} {remedy}".rstrip(),
+            f"the {name} {best:.2f}. {expected.text} {remedy}"
         )
+        return Verdict(SILENT, said.rstrip())
     gain = earned - without
     closed = percent(gain / gap, whole=True)
     said = (
@@ -115,10 +120,9 @@ def last_word(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
         f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"
     )
     if gain >= ENOUGH * gap:
-        text = f"The team learned to coordinate: {said} {expected.text}"
-        return Verdict(LEARNED, text)
-    text = f"The team hardly coordinates: {said} {expected.text} {remedy}"
-    return Verdict(FAILING, text)
+        return Verdict(LEARNED, f"The team learned to coordinate: {said}")
+    said = f"The team hardly coordinates: {said} {expected.text} {remedy}"
+    return Verdict(FAILING, said.rstrip())
 
 
 def _compared(scenario: Scenario, found: Measures, ignoring: Measures) -> str:
@@ -143,8 +147,8 @@ def _compared(scenario: Scenario, found: Measures, ignoring: Measures) -> str:
     )
 
 
-def _remedy(scenario: Scenario, learner: Learner) -> str:
-    """Return advice for a team that does not coordinate.
+def _remedy(scenario: Scenario, learner: Learner, expected: Advice) -> str:
+    """Return what to try for a team that earns too little; empty: nothing.
 
     More steps help Voi only: others settle on not asking (docs/design.md).
     """
@@ -153,6 +157,8 @@ def _remedy(scenario: Scenario, learner: Learner) -> str:
             "Asking cannot help here: no question can be answered (perception "
             f"{scenario.perception})."
         )
+    if expected.kind in (WILL_NOT_PAY, AVOIDABLE):
+        return ""
     if isinstance(learner, Voi):
         return "Try more steps."
     return "Try --learner voi."

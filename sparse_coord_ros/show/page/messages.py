@@ -24,7 +24,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
 from sparse_coord_ros.core.solve.shipped import known_optimum, yardsticks
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
-from sparse_coord_ros.core.solve.verdict import last_word
+from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.lab.maps.image import under
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion
@@ -272,7 +272,7 @@ def evaluation_fields(
         "cells": measures.cells(optimum=optimum, spread=True),
         "failing": failing_in_words(measures),
         "askers": _askers(run, tables),
-        "last_word": last_word(scenario, run.rule, measures).text
+        "verdict": verdict_on(scenario, run.rule, measures).text
         if step is None
         else "",
         "yardsticks": yardsticks(scenario),

@@ -249,7 +249,7 @@ def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):
     tables = walking(run.scenario, asking)
     view = TrainedView(in_memory(run, tables, blank_history(0, 2)), board)
     assert said in board.get("learned")["lines"][0]
-    assert board.get("evaluation")["last_word"]
+    assert board.get("evaluation")["verdict"]
     frames = []
 
     def stop():

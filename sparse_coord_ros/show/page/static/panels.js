@@ -111,6 +111,6 @@ export function evaluationPanel(run, e) {
     ...(run.kinds.includes("miscoordination") ? [row("td", ["miscoordinations", e.cells.miscoordinations])] : []),
     row("td", ["questions of a robot", e.cells.asks]),
     row("td", ["all arrive", e.cells["all arrive"]]),
-    html("caption", {}, e.last_word));
+    html("caption", {}, e.verdict));
   $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of time step ${number(e.step)}`;
 }
