@@ -11,7 +11,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 def test_list(sparse_coord):
     code, out, err = sparse_coord("maps")
     assert (code, err) == (0, "")
-    rows = {line.split()[0]: line.split()[1:4] for line in out.splitlines()[2:]}
+    table = out.partition("\n\n")[0].splitlines()[2:]
+    rows = {line.split()[0]: line.split()[1:4] for line in table}
     assert list(rows) == map_names()
     assert rows["env1"] == ["21", "1", "2"]
     assert rows["cmu"] == ["133", "1", "2"]

@@ -176,15 +176,17 @@ class Measures:
 
         An exact value stands alone. "-" stands for the unknown error of a single sample.
         """
-        mean = self.mean(name)
+        if name == "arrived" and self.source == TRIALS and self.unit == TRIAL:
+            return f"{int(self.arrived.sum())} of {self.trials}"
+
+        def written(value: float) -> str:
+            return percent(value) if name == "arrived" else f"{value:.2f}"
+
+        mean = written(self.mean(name))
+        if self.source == EXACT and self.unit == TRIAL:
+            return mean
         error = self.error(name)
-        if name == "arrived":
-            if self.source == TRIALS and self.unit == TRIAL:
-                return f"{int(self.arrived.sum())} of {self.trials}"
-            return percent(mean) + (f" ± {percent(error)}" if error else "")
-        if math.isnan(error):
-            return f"{mean:.2f} ± -"
-        return f"{mean:.2f} ± {error:.2f}" if error else f"{mean:.2f}"
+        return f"{mean} ± {'-' if math.isnan(error) else written(error)}"
 
     def cells(self, *, optimum: float = math.inf) -> dict[str, str]:
         """Return the cells of a table's row, by the headings of their columns.
