@@ -73,3 +73,12 @@ def shown(progress: Show, unit: str, *, named: bool = False) -> Callable[..., No
         return progress
     allowed = "True (a bar), False (nothing) or a function"
     raise SettingError(f"progress: value is {in_short(progress)}, allowed: {allowed}")
+
+
+def in_time(seconds: float) -> str:
+    """Return a time in words: "40 s", "12 min", "3.5 h"."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    if seconds < 6000:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"

@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
+from sparse_coord_ros.base.progress import in_time
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.core.engine.cluster import JOBS
@@ -58,15 +59,6 @@ def note_without_numba() -> None:
 FIRST_SECONDS = 1.5
 LINE_SECONDS = 15.0
 """Seconds of work until the first line on it, and between two lines."""
-
-
-def in_time(seconds: float) -> str:
-    """Return a time in words: "40 s", "12 min", "3.5 h"."""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    if seconds < 6000:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"
 
 
 class Bar(ExitStack):

@@ -7,8 +7,9 @@ import time
 import pytest
 from patience import PATIENCE_SECONDS
 
+from sparse_coord_ros.base.progress import in_time
 from sparse_coord_ros.cli import computing
-from sparse_coord_ros.cli.computing import Bar, in_time
+from sparse_coord_ros.cli.computing import Bar
 
 
 def test_without_a_terminal_lines_say_what_goes_on(capsys, monkeypatch):

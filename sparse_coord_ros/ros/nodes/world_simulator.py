@@ -15,6 +15,7 @@ from rclpy.timer import Timer
 from sparse_coord_ros.base.errors import NameTakenError, RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.base.progress import in_time
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
 from sparse_coord_ros.core.game.world import Action, World
@@ -430,6 +431,9 @@ class WorldSimulator(ParameterNode):
                 f"{done:>5}  {world.transitions} of "
                 f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}"
             )
+            left = run.scenario.steps - world.transitions
+            if left and rate:
+                line += f", about {in_time(left / rate)} left"
             if can_miscoordinate(interactions_of(run.scenario)):
                 count = world.miscoordinations
                 what = "miscoordination" if count == 1 else "miscoordinations"
