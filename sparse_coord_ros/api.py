@@ -21,6 +21,7 @@ from sparse_coord_ros.base.errors import (
     TablesError,
     check_argument,
     check_choice,
+    needed,
     wrong_argument,
 )
 from sparse_coord_ros.base.files import path_argument
@@ -181,6 +182,10 @@ def _in_html(run: "Training | SavedRun") -> str:
 Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
+PLOTS = "pip install pandas matplotlib"
+"""What plots need."""
+
+
 class Runs(list[Training]):
     """Learning runs of one learner in one scenario, as `train_many` returns them: a list."""
 
@@ -222,8 +227,8 @@ class Runs(list[Training]):
         Raises:
             SettingError: there is no such curve.
         """
-        from sparse_coord_ros.show.mean_curves import curves_figure
-
+        with needed("plots need pandas and Matplotlib", PLOTS):
+            from sparse_coord_ros.show.mean_curves import curves_figure
         for name in names:
             check_choice("curve", name, MEAN_CURVES)
         one = self[0]
@@ -589,8 +594,8 @@ def plot(
     Raises:
         SettingError: `x` has only one value, or the measure is unknown.
     """
-    from sparse_coord_ros.studies.figures import swept_figure
-
+    with needed("plots need pandas and Matplotlib", PLOTS):
+        from sparse_coord_ros.studies.figures import swept_figure
     return swept_figure(listed(results), x, measures)
 
 

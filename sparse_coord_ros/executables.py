@@ -34,8 +34,6 @@ NODES = (
 
 def sparse_coord() -> int:
     """Run the command line."""
-    # Verbs draw files. A notebook's shell names its own backend, which may be missing here.
-    os.environ["MPLBACKEND"] = "agg"
     atexit.register(gc.freeze)  # the process ends at once: no search for garbage before
     return main(COMMAND_LINE)
 

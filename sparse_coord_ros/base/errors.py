@@ -100,6 +100,21 @@ def needed(what: str, remedy: str) -> Iterator[None]:
         raise RunError(f"{what} ({error}); {remedy}") from None
 
 
+INSTALLED_AS = {"PIL": "pillow", "yaml": "PyYAML"}
+"""What one installs, where it has another name than what one imports."""
+
+
+def missing_package(error: ImportError) -> RunError | None:
+    """Return the error for a missing package of others; None: a fault of this one."""
+    if error.name is None or error.name.startswith("sparse_coord_ros"):
+        return None
+    name = error.name.partition(".")[0]
+    package = INSTALLED_AS.get(name, name)
+    return RunError(
+        f"this needs the Python package {package} ({error}): pip install {package}"
+    )
+
+
 @contextmanager
 def retold(
     error: type[SparseCoordError], caught: type[Exception], what: str, remedy: str = ""
@@ -127,6 +142,10 @@ def failure_of(error: Exception) -> SparseCoordError:
     """
     if isinstance(error, SparseCoordError):
         return error
+    if isinstance(error, ImportError):
+        missing = missing_package(error)
+        if missing is not None:
+            return missing
     if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         remedy = "make room" if full else "give another path, or one that you may use"
