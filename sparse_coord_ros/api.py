@@ -207,8 +207,9 @@ class Runs(list[Training]):
         """The mean learning curves of the runs, a row for each of 50 parts of the learning steps.
 
         Its columns: `steps`, the learning steps at the end of the part; and of the episodes that
-        end in it `length`, `miscoordinations`, `asks` (of a robot) and `arrived` (their share),
-        each with its standard error over the runs, `<name>_error`.
+        end in it `returns` (of a robot, discounted, as of `evaluate`; but with exploration and the
+        starts of learning episodes), `length`, `miscoordinations`, `asks` (of a robot) and
+        `arrived` (their share), each with its standard error over the runs, `<name>_error`.
 
         Raises:
             RunError: pandas is not installed.
@@ -217,7 +218,7 @@ class Runs(list[Training]):
         return data_frame(curves)
 
     def plot(
-        self, names: Sequence[str] = ("length", "miscoordinations", "asks")
+        self, names: Sequence[str] = ("returns", "miscoordinations", "asks")
     ) -> "Figure":
         """Draw the mean learning curves; a band is a standard error over the runs.
 

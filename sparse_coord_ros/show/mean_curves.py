@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from sparse_coord_ros.show.charts import panel_grid
 
 LABELS = {
+    "returns": "return of a robot",
     "length": "steps of an episode",
     "miscoordinations": "miscoordinations\nof an episode",
     "asks": "questions of a robot\nin an episode",
@@ -39,6 +40,5 @@ def curves_figure(curves: pd.DataFrame, names: Sequence[str], title: str) -> Fig
         axes.plot(curves["steps"], mean, color=COLOUR)
         axes.set_xlabel("learning steps")
         axes.set_ylabel(LABELS[name])
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         axes.grid(alpha=0.3)
     return figure

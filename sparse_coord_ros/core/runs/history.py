@@ -15,6 +15,7 @@ from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import RunError, retold
 from sparse_coord_ros.base.files import read_file, write_whole
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import Action, StepOutcome
 
 if TYPE_CHECKING:
@@ -39,8 +40,9 @@ class History(NamedTuple):
     Attributes:
         first_step: the time step at which the episode begins, shape (E,), int64.
         length: its transitions, shape (E,), int64.
-        returns: undiscounted sum of R_k(t) that robot k received while it was under way, not after
-            its arrival, shape (E, K), float64; 0 where it was not present.
+        returns: total discounted reward of robot k, as of `evaluate`: with all that the goal pays
+            from its arrival on, and with later miscoordinations; of a cut-off episode as far as it
+            goes. Shape (E, K), float64; 0 where it was not present.
         miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
         asks: how often robot k chose COORDINATE, shape (E, K), int64.
         arrived: whether robot k reached its goal, shape (E, K), bool.
@@ -197,7 +199,7 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     )
 
 
-MEAN_CURVES = ("length", "miscoordinations", "asks", "arrived")
+MEAN_CURVES = CURVES
 """The learning curves of several runs."""
 
 PARTS = 50
@@ -258,7 +260,7 @@ class HistoryRecorder:
     """Gathers the history of a run that is fed to it transition by transition.
 
     Args:
-        robots: number of robots, K.
+        scenario: the problem, with K robots.
         history: rows to go on from; the first transition added goes into a new episode unless
             `under_way`.
         under_way: whether the last episode of `history` goes on.
@@ -266,16 +268,22 @@ class HistoryRecorder:
 
     def __init__(
         self,
-        robots: int,
+        scenario: Scenario,
         *,
         history: History | None = None,
         under_way: bool = False,
     ) -> None:
+        robots = len(scenario.robots)
+        self._scenario = scenario
         begun = blank_history(0, robots) if history is None else history
         self._rows = concatenated([begun, blank_history(FIRST_EPISODES, robots)])
         self._used = begun.episodes
         self._episode: int | None = None
         self._goes_on = under_way
+        self._factor = 1.0  # gamma^n after n steps of the episode
+        if under_way:
+            for _ in range(int(begun.length[-1])):
+                self._factor *= scenario.discount
 
     def add(
         self,
@@ -302,14 +310,24 @@ class HistoryRecorder:
         rows.length[last] += 1
         rows.miscoordinations[last] += outcome.miscoordination
         for k, action in enumerate(actions):
-            if action is not None:
-                rows.returns[last, k] += outcome.rewards[k].total
-                rows.asks[last, k] += action.asked
+            asked = action is not None and action.asked
+            rows.asks[last, k] += asked
+            rows.returns[last, k] += self._factor * self._paid(k, asked, outcome)
+        self._factor *= self._scenario.discount
         for k in outcome.arrived:
             rows.arrived[last, k] = True
 
+    def _paid(self, k: int, asked: bool, outcome: StepOutcome) -> float:
+        """Return R_k(t) with all that the goal pays from the arrival on."""
+        scenario = self._scenario
+        goal = scenario.arrival_value if k in outcome.arrived else 0.0
+        common = scenario.penalties[k] if outcome.miscoordination else 0.0
+        asking = -scenario.ask_cost if asked else 0.0
+        return goal + common + asking
+
     def _begin(self, step: int) -> None:
         """Begin the next row."""
+        self._factor = 1.0
         if self._used == self._rows.episodes:
             # Twice as many; they take memory as they are written to.
             more = blank_history(self._used, self._rows.robots)
