@@ -3,7 +3,9 @@
 """`sparse_coord maps`: the shipped maps and scenarios, or one of them."""
 
 import argparse
+from pathlib import Path
 
+from sparse_coord_ros.base.errors import MapError, did_you_mean
 from sparse_coord_ros.cli.options import JSON, Option, format_table, tell
 from sparse_coord_ros.core.game.buildings import building
 from sparse_coord_ros.core.game.grid import GridMap, load_map, map_names
@@ -33,8 +35,15 @@ def execute(options: argparse.Namespace) -> None:
     if options.name is None:
         _list(options)
         return
-    scenario = _scenario_of(options.name)
-    grid = load_map(options.name) if scenario is None else scenario.map
+    known = (*scenario_names(), *map_names())
+    name = options.name
+    if not (name in known or building(name) or Path(name).exists()):
+        raise MapError(
+            f"map {name!r}: no such scenario or map{did_you_mean(name, known)}; give the path of "
+            "a file, or a name that 'sparse_coord maps' lists"
+        )
+    scenario = _scenario_of(name)
+    grid = load_map(name) if scenario is None else scenario.map
     facts = _facts(grid)
     lines = _in_words(grid)
     if scenario is not None:

@@ -531,6 +531,9 @@ def scenario_from_dict(
     if "image" in data and "map" not in data:
         remedy = f"make one of it with: sparse_coord import-map {where}"
         raise ScenarioError(f"{where}: is a map of map_server, no scenario; {remedy}")
+    if "scenario" in data and "format" in data:
+        remedy = "the command that repeats it is in summary.yaml beside it"
+        raise ScenarioError(f"{where}: describes a run, no scenario; {remedy}")
     for key in data:
         if key not in FILE_KEYS:
             what = f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}"
