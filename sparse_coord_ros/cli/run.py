@@ -16,6 +16,7 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of, result_of
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
@@ -191,7 +192,8 @@ def _lines(
 
 def _is_finished(out: Path) -> bool:
     """Return whether a run was finished, so that there is nothing to continue."""
-    return (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir()
+    left = (CHECKPOINTS, CHECKPOINT_FILE)
+    return (out / TEAM_FILE).exists() and not any((out / one).exists() for one in left)
 
 
 def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:

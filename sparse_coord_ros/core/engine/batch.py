@@ -137,8 +137,9 @@ def run_batches(
     def how_to_compute(one: Batch) -> str:
         if not uses_numba(engine, one.learner):
             return "processes"
-        pays = pays_to_compile(work_of[one.learner.rule], one.learner)
-        return "threads" if engine == "numba" or pays else "here"
+        rule = one.learner
+        quick = is_loaded(learner=rule) or pays_to_compile(work_of[rule.rule], rule)
+        return "threads" if engine == "numba" or quick else "here"
 
     for how, group in groupby(batches, how_to_compute):
         same = list(group)
@@ -168,8 +169,6 @@ def _work_of(batch: Batch, trials: int) -> int:
 
 def pays_to_compile(steps: int, learner: Learner) -> bool:
     """Return whether plain Python takes longer for so many agent-steps than numba to begin."""
-    if is_loaded(learner=learner):
-        return True
     needed = WORTH_LOADING if is_prepared(learner=learner) else WORTH_COMPILING
     return steps * learner.slow >= needed
 

@@ -87,8 +87,9 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    pays = batch.pays_to_compile(batch.agent_steps(scenario), rule)
-    if engine == "auto" and not pays:
+    steps = batch.agent_steps(scenario)
+    quick = batch.is_loaded(learner=rule) or batch.pays_to_compile(steps, rule)
+    if engine == "auto" and not quick:
         return "python"
     return "numba" if batch.uses_numba(engine, rule) else "python"
 
