@@ -27,9 +27,6 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
-VERDICT_TRIALS = 200
-"""Trials of the verdict, if it cannot be computed exactly."""
-
 EXAMPLE = (
     "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
 )
@@ -205,7 +202,7 @@ def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:
         return
     tables = load_team(out, run.scenario, run.rule)
     try:
-        measures = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
+        measures = evaluation_of(run, tables, None)
     except KeyboardInterrupt:
         again = f"sparse_coord run --resume {out}"
         shared.note(f"the run is finished and saved in {out}; its result: {again}")

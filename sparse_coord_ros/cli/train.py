@@ -370,10 +370,8 @@ def _evaluated(
     options: argparse.Namespace, out: Path, run: RunConfig, done: Training
 ) -> Measures:
     """Return what the learned team earns; an interrupt says how to come back to it."""
-    exact = None if options.trials is None else False
-    trials = options.trials or TRIALS.default
     try:
-        return evaluation_of(run, done.tables, trials, 0, exact=exact)
+        return evaluation_of(run, done.tables, options.trials)
     except KeyboardInterrupt:
         again = f"sparse_coord train --resume {out}"
         shared.note(f"the run is finished and saved in {out}; its result: {again}")
