@@ -28,7 +28,7 @@ from sparse_coord_ros.core.pettingzoo_env import parallel_env
 @pytest.mark.parametrize("asking", ["half_steps", "in_observation"])
 def test_pettingzoos_own_check(name, asking):
     env = sc.pettingzoo_env(name, phase="learning", asking=asking)
-    parallel_api_test(env, num_cycles=300)
+    parallel_api_test(env, num_cycles=100)
 
 
 @pytest.mark.parametrize("asking", ["half_steps", "in_observation"])

@@ -66,6 +66,6 @@ def test_signs_that_a_terminal_lacks_are_written_in_ascii(tmp_path, env):
 def test_pictures_are_drawn_whatever_backend_a_notebook_has(tmp_path, backend):
     shell("TRAIN", tmp_path)
     env = {"MPLBACKEND": backend, "DISPLAY": ""}
-    done = shell("VERB plot run --out run.png --show policy", tmp_path, **env)
+    done = shell("VERB plot run --out run.png --what policy", tmp_path, **env)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
