@@ -9,6 +9,7 @@ from sparse_coord_ros.base.errors import MapError, did_you_mean
 from sparse_coord_ros.cli.options import JSON, Option, format_table, tell
 from sparse_coord_ros.core.game.buildings import building
 from sparse_coord_ros.core.game.grid import GridMap, load_map, map_names
+from sparse_coord_ros.core.game.pose import pose_in_words
 from sparse_coord_ros.core.game.scenario import (
     Scenario,
     load_scenario,
@@ -88,7 +89,6 @@ def _scenario_of(name: str) -> Scenario | None:
 
 def _in_words(grid: GridMap) -> list[str]:
     (height, width) = grid.shape
-    (x, y) = grid.origin
     lines = [f"{grid.name}: {grid.title}", f"source: {grid.source}"]
     lines.append(f"provenance: {grid.provenance}")
     lines.append(
@@ -96,15 +96,17 @@ def _in_words(grid: GridMap) -> list[str]:
     )
     if grid.resolution is not None:
         lines.append(
-            f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m"
+            f"{grid.resolution:g} m a cell, lower left corner at "
+            f"{pose_in_words(grid.origin)}"
         )
     return [*lines, "", *grid.rows]
 
 
 def _facts(grid: GridMap) -> dict:
-    names = ("name", "title", "source", "provenance", "rows", "resolution", "origin")
+    names = ("name", "title", "source", "provenance", "rows", "resolution")
     return {
         **{name: getattr(grid, name) for name in names},
+        "origin": list(grid.origin),
         "cells": len(grid.cells),
         **grid.doorway_facts,
         "starts": {digit: grid.cells[x] for digit, x in sorted(grid.starts.items())},

@@ -49,7 +49,7 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
     said = "{returns:.2f} ± {returns_error:.2f}".format(**found)
     assert found["returns_error"] > 0
     out = sparse_coord("evaluate", "a", "--trials", 50)[1]
-    assert said in out and out.endswith("\n±: standard error (s.e.)\n")
+    assert said in out and "\n±: standard error (s.e.)\n" in out
     assert "±" not in sparse_coord("evaluate", "a")[1]
 
 
