@@ -185,10 +185,8 @@ def test_many_runs_have_a_mean_learning_curve():
     assert [axes.get_xlabel() for axes in figure.axes] == ["learning steps"] * 2
     band = figure.axes[0].collections[0].get_paths()[0].vertices[:, 1]
     assert (band.min(), band.max()) == (1.0, 2.0)
-    with pytest.raises(
-        sc.SparseCoordError, match="curve is 'returns', allowed: length"
-    ):
-        runs.plot(["returns"])
+    with pytest.raises(sc.SparseCoordError, match="curve is 'speed', allowed: length"):
+        runs.plot(["speed"])
 
 
 def test_learners_that_differ_in_no_setting_are_bars():
