@@ -152,6 +152,24 @@ def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(
     )
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "turtlesim: {ros__parameters: {seed: 1}}",
+            r"it has: turtlesim\); name one '/\*\*' for all nodes, or world_simulator, recorder, "
+            "robot_1, robot_2",
+        ),
+        ("world_simulator: {seed: 1}", "section 'seed' has no 'ros__parameters'"),
+        ("seed: 1", "section 'seed' has no 'ros__parameters'; write the parameters"),
+    ],
+)
+def test_a_parameter_file_without_a_fitting_section(nodes, file, text, said):
+    Path(file).write_text(text)
+    with pytest.raises(SettingError, match=said):
+        nodes(params_file=file, scenario="env1")
+
+
 TRUE_OR_FALSE = "allowed: true or false"
 REFUSED = [
     ("team", {"greedy": "ture"}, f"argument greedy: value is 'ture', {TRUE_OR_FALSE}"),
