@@ -9,6 +9,11 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.log.bags.reader import Bag, Message, Part
 from sparse_coord_ros.protocol.wire import LOCAL_STATE
+from sparse_coord_ros.protocol.wire.messages import SECOND
+
+LEAST_GAP = 5 * SECOND
+GAP_STEPS = 20
+"""A gap between two messages is longer than so many nanoseconds, and than so many usual steps."""
 
 
 class Playlist:
@@ -25,6 +30,7 @@ class Playlist:
         start_ns: log time of the first message.
         end_ns: log time of the last message.
         step_count: number of time steps.
+        longest_wait_ns: longest time between two messages that is no gap.
 
     Raises:
         BagError: these topics have no message.
@@ -57,6 +63,10 @@ class Playlist:
         self.start_ns = int(self._times[0])
         self.end_ns = int(self._times[-1])
         self.step_count = len(self._ticks)
+        self.longest_wait_ns = LEAST_GAP
+        if self.step_count > 1:
+            usual_ns = int(np.median(np.diff(self._ticks)))
+            self.longest_wait_ns = max(LEAST_GAP, GAP_STEPS * usual_ns)
         self._next = 0
 
     def _chosen(self, part: Part, topics: Collection[str]) -> np.ndarray:

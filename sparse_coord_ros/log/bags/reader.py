@@ -28,6 +28,7 @@ from mcap.records import Message as MessageRecord
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from sparse_coord_ros.base.errors import BagError, message_of
+from sparse_coord_ros.base.files import refuse_stand_in
 from sparse_coord_ros.core.runs.run_config import RUN_FILE
 from sparse_coord_ros.log.bags.heads import (
     MESSAGE_HEAD,
@@ -35,8 +36,10 @@ from sparse_coord_ros.log.bags.heads import (
     message_heads,
 )
 from sparse_coord_ros.log.bags.layout import (
+    CONVERT,
     PARTIAL,
     RESCUE,
+    WANTED,
     being_recorded,
     failing,
     open_to_read,
@@ -49,6 +52,11 @@ BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
 
 MAGIC = b"\x89MCAP0\r\n"
+OTHER_BAGS = (b"SQLite format 3\0", b"#ROSBAG V")
+"""The first bytes of bags that are not read: ROS 2's .db3, and ROS 1's."""
+
+LONGEST_SIGN = 64
+"""Bytes that say what a file is."""
 
 TOGETHER = 1 << 20
 """Bytes of messages that are handed over together."""
@@ -138,9 +146,8 @@ class BagFile:
             self.size = file.seek(0, 2)
             file.seek(self.read_to)
             if not self.read_to:
-                if file.read(len(MAGIC)) != MAGIC:
-                    what = "is not an MCAP file: it does not start as one"
-                    raise BagError(f"{self.path} {what}")
+                check_begin(self.path, file.read(LONGEST_SIGN))
+                file.seek(len(MAGIC))
                 self.read_to = len(MAGIC)
             stream: Any = _Exact(file)
             reader = StreamReader(stream, skip_magic=True, emit_chunks=True)
@@ -174,6 +181,16 @@ class BagFile:
         times = int(heads["log_ns"].min()), int(heads["log_ns"].max())
         self.start_ns = min(self.start_ns, times[0]) if self.end_ns else times[0]
         self.end_ns = max(self.end_ns, times[1])
+
+
+def check_begin(path: Path, begin: bytes) -> None:
+    """Raise BagError if a file does not begin as an MCAP file."""
+    if begin.startswith(MAGIC):
+        return
+    refuse_stand_in(path, begin, BagError)
+    if begin.startswith(OTHER_BAGS):
+        raise BagError(f"{path} is a bag of another format; {CONVERT}")
+    raise BagError(f"{path} is not an MCAP file: it does not start as one; {WANTED}")
 
 
 class _Exact:
@@ -524,6 +541,11 @@ def bag_files(path: Path) -> list[Path]:
             f"{path} holds a run without a bag; 'sparse_coord run' records one, 'train' and "
             "--no-record do not"
         )
+    for other in sorted(path.glob("*")):
+        if other.suffix in (".db3", ".bag", ".zstd"):
+            raise BagError(
+                f"{path} is a bag of another format ({other.name}); {CONVERT}"
+            )
     remedy = "give a bag's directory or its file"
     raise BagError(f"{path} is not a bag: it has no .mcap file; {remedy}")
 

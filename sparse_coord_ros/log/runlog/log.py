@@ -20,11 +20,10 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.log.runlog.dialogue import Request
 from sparse_coord_ros.log.runlog.difference import Finding
 from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.protocol.wire import ACTION, REWARD, Topic
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.protocol.wire.status import RunStatus
 
 if TYPE_CHECKING:
@@ -62,7 +61,6 @@ class RunLog:
         series: the messages by topic and robot's number.
         statuses: the world's statuses, in the order of the log.
         all_tables: all recorded tables.
-        requests: the dialogue, in the order of time steps.
         problems: unreadable messages and tables, and messages that contradict each other.
         step: shape (T,), int64, ascending.
         episode: number of the episode, from 0, shape (T,).
@@ -81,13 +79,12 @@ class RunLog:
     files: Sequence[str]
     segments: Sequence[int]
     run: RunConfig
-    frame: Frame
+    frame: Messages
     names: Sequence[str]
     damage: str | None
     series: Mapping[tuple[Topic, int], Series]
     statuses: Sequence[RunStatus]
     all_tables: Sequence[RecordedTables]
-    requests: Sequence[Request]
     problems: Sequence[Finding]
     step: np.ndarray
     episode: np.ndarray
@@ -180,7 +177,7 @@ class RunLog:
     def between(self, first: int, last: int) -> "RunLog":
         """Return the time steps from `first` to `last`, both included.
 
-        Messages, statuses and tables stay.
+        The messages, statuses and tables stay.
         """
         rows = slice(*np.searchsorted(self.step, [first, last + 1]))
         arrays = {
@@ -188,8 +185,7 @@ class RunLog:
             for one in fields(self)
             if isinstance(getattr(self, one.name), np.ndarray)
         }
-        requests = tuple(one for one in self.requests if first <= one.step <= last)
-        return replace(self, requests=requests, **arrays)
+        return replace(self, **arrays)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each time step and robot.
@@ -233,8 +229,7 @@ class RunLog:
         """
         scenario = self.run.scenario
         goals = np.array([robot.goal for robot in scenario.robots])
-        reward = self.column("total")
-        rewarded = ~np.isnan(reward)
+        rewarded = ~np.isnan(self.column("total"))
         made = rewarded.any(axis=1)
         # A transition counts if the log also contains the state after it.
         made[:-1] &= np.diff(self.step) == 1
@@ -252,12 +247,23 @@ class RunLog:
             np.add.at(sums, episode, values[made])
             return sums
 
+        asked = self.asked & rewarded
+        arrives = rewarded & (after == goals)
+        paid = np.where(arrives, scenario.arrival_value, 0.0)
+        paid += np.where(conflicts[:, None], scenario.penalties, 0.0)
+        paid += np.where(asked, -scenario.ask_cost, 0.0)
+        elapsed = np.zeros(len(self.step), dtype=np.int64)
+        elapsed[made] = self.step[made] - self.step[first][episode]
+        powers = np.full(elapsed.max(initial=0) + 1, scenario.discount)
+        powers[0] = 1.0
+        factors = np.cumprod(powers)  # one by one, as everywhere: the same bits
+
         return History(
             first_step=self.step[first],
             length=total(made.astype(np.int64)),
-            returns=total(np.where(rewarded, reward, 0.0)),
+            returns=total(factors[elapsed][:, None] * paid),
             miscoordinations=total(conflicts.astype(np.int64)),
-            asks=total((self.asked & rewarded).astype(np.int64)),
+            asks=total(asked.astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,
             present=np.ones((len(found), len(self.names)), dtype=bool),
         )

@@ -20,15 +20,17 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.bags.reader import Bag, Part, bag_files
 from sparse_coord_ros.log.runlog.bag_run import BagRun, find_run
 from sparse_coord_ros.log.runlog.decode import Decoder
-from sparse_coord_ros.log.runlog.dialogue import put_together, steps_of
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
 from sparse_coord_ros.log.runlog.log import NONE, RunLog, Series
 from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables, opened
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RunState, messages
-from sparse_coord_ros.protocol.wire.events import event_form
-from sparse_coord_ros.protocol.wire.frame import MOVE_OF, Frame
-from sparse_coord_ros.protocol.wire.messages import MessageForm, action_from
+from sparse_coord_ros.protocol.wire.messages import (
+    MOVE_OF,
+    MessageForm,
+    Messages,
+    action_from,
+)
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
 
@@ -120,7 +122,7 @@ class Reader:
     def __init__(self, bag: Bag, found: BagRun) -> None:
         self._bag = bag
         self._forms = _forms(found)
-        self._period = Frame(found.run).period
+        self._period = Messages(found.run).period
         self._names = found.run.scenario.names
         self._parts: dict[Key, list[Rows]] = {
             key: [_no_rows(form)] for key, form in self._forms.values()
@@ -202,8 +204,7 @@ def _forms(found: BagRun) -> dict[str, tuple[Key, Reading]]:
         wire.REWARD: messages.REWARD_FORM,
         wire.ACTION: messages.ACTION_FORM,
         wire.PERCEPT: messages.percept_form(len(names)),
-        wire.COORDINATION_MAP: messages.grid_form(Frame(run)),
-        wire.SERVICE_EVENTS: event_form(names),
+        wire.COORDINATION_MAP: messages.grid_form(run),
         wire.TABLES: read_tables,
     }
     forms: dict[str, tuple[Key, Reading]] = {}
@@ -239,7 +240,7 @@ def sort(said: Read, run: RunConfig) -> Sorted:
     which one counts.
     """
     names = run.scenario.names
-    period = Frame(run).period
+    period = Messages(run).period
     ends = np.array(said.ends)
     problems: list[Finding] = list(said.unreadable)
     series = {}
@@ -260,6 +261,11 @@ def sort(said: Read, run: RunConfig) -> Sorted:
         tables += _tables(said.rows[wire.TABLES, k], run, k, ends, problems)
     tables.sort(key=lambda one: (one.step, one.robot))
     return Sorted(series, statuses, tables, problems)
+
+
+def steps_of(rows: np.ndarray, period: int) -> np.ndarray:
+    """Return the time steps of rows with the field `ns`."""
+    return np.asarray((rows["ns"] + period // 2) // period)
 
 
 def _in_order(rows: Rows, steps: np.ndarray, kept: np.ndarray) -> Series:
@@ -334,7 +340,7 @@ def _tables(
 
 def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
     """Return the messages of a run as arrays over time step and robot."""
-    frame = Frame(run)
+    frame = Messages(run)
     robots = range(len(run.scenario.names))
     series = found.series
     of_steps = [series[topic, k].step for topic in EACH_STEP for k in robots]
@@ -359,8 +365,6 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
     peer = np.full(move.shape, NOBODY, dtype=np.int16)
     known = moved & (said["peer"] >= 0) & (said["peer"] <= len(robots))
     peer[known] = said["peer"][known].astype(np.int16) - 1
-    period = frame.period
-    events = [series[wire.SERVICE_EVENTS, k].rows for k in robots]
     return RunLog(
         path=bag.path,
         files=tuple(file.path.name for file in bag.files),
@@ -372,7 +376,6 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
         series=series,
         statuses=tuple(found.statuses),
         all_tables=tuple(found.tables),
-        requests=tuple(put_together(events, period)),
         problems=tuple(problems),
         step=step,
         episode=np.cumsum(np.diff(step, prepend=step[:1]) > 1),
@@ -414,7 +417,7 @@ def _malformed_actions(
 
 
 def _perceived_cells(
-    frame: Frame, step: np.ndarray, peer: np.ndarray, series: Mapping[Key, Series]
+    frame: Messages, step: np.ndarray, peer: np.ndarray, series: Mapping[Key, Series]
 ) -> np.ndarray:
     """Return the cells that robots perceived, by the perceived robot, shape (T, K, K)."""
     robots = range(frame.robots)
@@ -433,7 +436,7 @@ def _perceived_cells(
     return found
 
 
-def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
+def cell_numbers(frame: Messages, places: np.ndarray) -> np.ndarray:
     """Return the cells of positions.
 
     Args:

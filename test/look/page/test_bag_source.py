@@ -36,7 +36,6 @@ from sparse_coord_ros.log.runlog.explain import (
 )
 from sparse_coord_ros.log.runlog.growing import GrowingLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP
-from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
 from sparse_coord_ros.show.page.controls import (
@@ -413,7 +412,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert line.startswith(f"robot_{k + 1} learned to ask there at about time step ")
     since = int(re.search(r"at about time step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.series[COORDINATION_MAP, k]
-    place = OccupancyData(log.frame).places[log.cells[row, k]]
+    place = log.frame.places[log.cells[row, k]]
     asks = (
         np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
         == 100
