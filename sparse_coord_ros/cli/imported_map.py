@@ -28,7 +28,7 @@ MAP_OPTIONS = ("cell", "radius", "doorway", "no_doorway", "corridors")
 AUTO = "auto"
 """The value of --turn for a grid along the walls."""
 
-LEAST_TURN = 0.5
+LEAST_TURN = 1.5
 """Degrees; walls that lie askew by less are left as they are."""
 
 DPI = 150
