@@ -244,7 +244,9 @@ class _RunUnderWay:
         over = done == self.learning.scenario.steps
         if every and (over or done % every == 0):
             measures = self.learning.play(self.trials)
-            self.evaluations.append({"steps": done, **measures.to_dict()})
+            seen = self.learning.scenario.peers_seen
+            row = {"steps": done, "peers_seen": seen, **measures.to_dict()}
+            self.evaluations.append(row)
 
     def _look(self) -> int | None:
         """Let the watcher look; return what it returns."""
