@@ -62,7 +62,7 @@ NEAR_SIZES = 5
 """So many of the first sizes are compared; of the others the first one that works is taken."""
 
 ASKEW = 3.0
-"""Degrees between walls and grid from which on a note says so."""
+"""Degrees between walls and grid from which on doorways are lost."""
 
 FURTHEST_SHARE = 0.3
 """The value of arriving at the furthest start, as a share of its value at the goal."""
