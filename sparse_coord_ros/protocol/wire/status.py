@@ -92,6 +92,10 @@ def read_status(message: Any) -> RunStatus:
     )
 
 
+LEFT = -1
+"""In place of the time step up to which a recorder has written: it records no more."""
+
+
 class Progress(NamedTuple):
     """A node's report: when it joins a team, has saved, or has begun as the world ordered.
 
@@ -100,16 +104,20 @@ class Progress(NamedTuple):
             empty: at any, as it learns nothing.
         attempt: the attempt that it has begun; `NO_ATTEMPT`: a new process, which waits for an
             order.
+        written: of a recorder: the time step up to which the bag holds everything; `LEFT`: it
+            records no more.
     """
 
     checkpoints: tuple[int, ...] = ()
     attempt: str = NO_ATTEMPT
+    written: int = 0
 
     def values(self) -> dict[str, object]:
         """Return the values of its message."""
         return {
             "checkpoints": " ".join(map(str, self.checkpoints)),
             "attempt": self.attempt,
+            "written": self.written,
         }
 
 
@@ -119,8 +127,8 @@ def read_progress(message: Any) -> Progress:
     Raises:
         ValueError: it is malformed.
     """
-    values = values_of(message, *Progress._fields)
+    values = values_of(message, "checkpoints", "attempt")
     checkpoints = tuple(int(text) for text in values["checkpoints"].split())
     if any(step < 0 for step in checkpoints):
         raise ValueError(f"says checkpoints {values['checkpoints']!r}")
-    return Progress(checkpoints, values["attempt"])
+    return Progress(checkpoints, values["attempt"], int(values.get("written", 0)))

@@ -32,6 +32,7 @@ from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.frame import SECOND
 from sparse_coord_ros.protocol.wire.messages import STAMPED
 from sparse_coord_ros.protocol.wire.status import (
+    LEFT,
     NO_ATTEMPT,
     Order,
     Progress,
@@ -52,8 +53,8 @@ TALK_SECONDS = 20.0
 """After the run's end, how long a node that continues to publish keeps the bag open."""
 KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
-LAG_STEPS = 1000
-"""How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
+LAG_STEPS = ros_topics.STEP_DEPTH
+"""How far one topic may be ahead of all others: they arrive in bursts."""
 
 
 class RobotTables(NamedTuple):
@@ -111,6 +112,7 @@ class Recording:
         self._open = False
         self._late = False  # a message of the attempt before has come
         self._quiet_since = -math.inf
+        self._newest_ns: dict[int, int] = {}  # by channel
         self._state_ns: dict[str, int] = {}  # of each robot's newest local state
         self._tables: list[RobotTables] = []  # they wait
         # The robots whose tables are in the segment, by the tables' time step.
@@ -152,6 +154,7 @@ class Recording:
         message = serialize_message(String(data=run_text))
         bag.write(channel, message, self.now_ns, self.now_ns)
         self._open = True
+        self._newest_ns.clear()
         self._state_ns.clear()
         self._attached.clear()
         before = [one for one in self._node.checkpoints if one < step]
@@ -230,6 +233,8 @@ class Recording:
         self._steps = 0
         self._flushed = time.monotonic()
         self.bag.flush()
+        if self._open:
+            self._node.say_progress(self.attempt)
         # the directory is gone: the bag's own error says so
         with contextlib.suppress(OSError):
             free = shutil.disk_usage(self._node.directory).free >> 20
@@ -238,6 +243,13 @@ class Recording:
                     f"recording to {self._node.directory} ends: its disk has {free} MiB left, "
                     f"{KEPT_FREE} are kept for what the team saves; make room"
                 )
+
+    @property
+    def written(self) -> int:
+        """The time step up to which the bag holds everything, as of the last flush."""
+        states = [self._state_ns.get(name, 0) for name in self.run.scenario.names]
+        first = self._order.checkpoint
+        return max(first, min(states) // self.convert.period)
 
     # Its sources.
 
@@ -282,6 +294,7 @@ class Recording:
         unpack_stamp = STAMPED.unpack_from
         each_step = topic.delivery == wire.Delivery.STEP
         is_state = topic is ros_topics.LOCAL_STATE
+        newest_ns = self._newest_ns
         state_ns = self._state_ns
 
         def stamped(data: bytes) -> None:
@@ -295,8 +308,11 @@ class Recording:
                 node.subscriber.drop(name, error)
                 return
             at = sec * SECOND + nanosec
+            if each_step and at < newest_ns.get(channel, 0):
+                return  # a publisher that lost sight of this recorder sends what it keeps
             if not 0 <= at <= self.now_ns:
                 at = self._later(at, name)
+            newest_ns[channel] = at
             if is_state:
                 state_ns[owner] = at
             write_down(channel, data, at, at)
@@ -311,7 +327,7 @@ class Recording:
             node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
             shared = topic.name == ros_topics.DIAGNOSTICS.name
-            qos = ros_topics.recorder_qos(topic)
+            qos = topic.qos if node.direct else ros_topics.recorder_qos(topic)
             unpack = self._of_this_namespace if shared else bytes
             node.subscriber.listen(
                 topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
@@ -473,7 +489,7 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
-            self.say_progress(self.found.attempt)  # nobody waits for it
+            self.say_progress(self.found.attempt, LEFT)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
@@ -503,9 +519,11 @@ class Recorder(Follower):
         """Say that the recorder waits for the world's order."""
         self.remind(self.reminder, "the world to say where the run begins")
 
-    def say_progress(self, attempt: str) -> None:
-        """Tell the world the steps before which the bag holds everything, and the attempt."""
-        said = Progress(tuple(self.checkpoints), attempt)
+    def say_progress(self, attempt: str, written: int | None = None) -> None:
+        """Tell the world the checkpoints in the bag, the attempt, and how far it is written."""
+        if written is None:
+            written = 0 if self.recording is None else self.recording.written
+        said = Progress(tuple(self.checkpoints), attempt, written)
         self._progress.publish(status(RECORDER, "progress", said.values()))
 
     def world_said(self, said: RunStatus) -> None:
@@ -539,6 +557,7 @@ class Recorder(Follower):
         if self.recording is None or self.error is not None or self.failure is not None:
             return
         bag = self.recording.bag
+        self.say_progress(self.recording.attempt, LEFT)
         try:
             self.recording.end()
             bag.close()

@@ -17,7 +17,8 @@ from sparse_coord_ros.core.runs.run_config import NO_CLOCK, RunConfig
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import Delivery, services
 
-STEP_DEPTH = 10_000
+STEP_DEPTH = 4_000
+"""The world waits for a recorder that is more than half as many time steps behind."""
 
 
 QOS_PROFILES = {
@@ -87,8 +88,19 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
 
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
-    """Return the recorder's QoS profile, deep enough for a recorder that lags."""
-    return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
+    """Return the QoS profile of a recorder in another process, deep enough if it lags."""
+    return QoSProfile(depth=STEP_DEPTH, durability=kept_qos(topic).durability)
+
+
+def kept_qos(topic: RosTopic) -> QoSProfile:
+    """Return the profile of a topic that a recorder in another process hears.
+
+    A process that stands still is forgotten after 5 s (`config/fastdds.xml`). So that a recorder
+    misses nothing, publishers keep the messages of time steps for it.
+    """
+    if topic.delivery != Delivery.STEP or topic.type_name.endswith("_Event"):
+        return topic.qos
+    return QoSProfile(depth=STEP_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

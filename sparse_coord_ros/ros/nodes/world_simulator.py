@@ -288,6 +288,9 @@ class WorldSimulator(ParameterNode):
         if self.bodies is not None:
             self.bodies.look(now, held=self._held)
         self._advance_where_due()  # the rate may have been set to 0 meanwhile
+        if self._recorder_is_behind:
+            self._wait_for_the_recorder(now)
+            return
         if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
             self.reminder.over()
             return
@@ -296,6 +299,21 @@ class WorldSimulator(ParameterNode):
             self._say()
         if not self._paused:
             self._wait_for_the_lost(now)
+
+    @property
+    def _recorder_is_behind(self) -> bool:
+        """True if the recorder has to write before the world makes a further step."""
+        return self.lockstep.world.step >= self.restart.limit
+
+    def _wait_for_the_recorder(self, now: float) -> None:
+        """Log that the world waits; continue without a recorder that is lost."""
+        step = self.lockstep.world.step
+        self.remind(self.reminder, f"{RECORDER} to write what came before step {step}")
+        if self._silence.stands(now) >= self.lost_timeout:
+            self.restart.do_without_recorder()
+            self.get_logger().warning(
+                f"step {step}: {RECORDER} is lost; continuing without it"
+            )
 
     def _wait_for_the_lost(self, now: float) -> None:
         """Log the awaited robots; continue or end by the parameters."""
@@ -347,6 +365,8 @@ class WorldSimulator(ParameterNode):
     def _advance_where_due(self) -> None:
         """Make the step if all actions are there; bodies first get goals, and must arrive."""
         if self._held or self._stopped or not self.lockstep.complete:
+            return
+        if self._recorder_is_behind:
             return
         there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
         rated = self.values["rate"] > 0
