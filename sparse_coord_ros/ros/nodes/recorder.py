@@ -153,7 +153,6 @@ class Recording:
         self._tables = [one for one in self._tables if one.said.attempt == attempt]
         self._write_tables()
         self.flush()
-        self._node.say_progress(self.attempt)
 
     def hear_tables(self, robot: str, heard: tuple[SavedTables, bytes]) -> None:
         """Keep a robot's tables until they are due."""
