@@ -36,8 +36,14 @@ from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import mover
 from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.nodes.body_messages import (
+    goals_message,
+    reached_message,
+    read_goals,
+    read_reached,
+)
 from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.outputs import gather
 from sparse_coord_ros.ros.nodes.transforms import HeardTransforms
 
@@ -88,7 +94,7 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert len(poses) > 8 and poses[0].header.frame_id == "map"
     last = [body.pose[:2] for body in body.simulator.bodies]
     for cell, (x, y) in zip(world.lockstep.world.cells, last, strict=True):
-        assert np.hypot(*np.subtract(world.topics.convert.centres[cell], (x, y))) < 0.5
+        assert np.hypot(*np.subtract(world.topics.messages.centres[cell], (x, y))) < 0.5
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
@@ -348,14 +354,16 @@ def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
 
 def test_goals_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
-    convert = Converter(run)
+    convert = messages_of(run)
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
-    assert convert.read_goals(convert.goals_message(goals)) == goals
+    assert read_goals(convert, goals_message(convert, goals)) == goals
     for reached in (
         GoalReport(0, 3, 5, True, 1.25, 0.0),
         GoalReport(0, 3, -1, False, 9.0, 0.0),
     ):
-        assert convert.read_reached(0, convert.reached_message(17, reached)) == reached
+        assert (
+            read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
+        )
 
 
 @pytest.mark.parametrize(
@@ -452,7 +460,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     observer.say(
         poses, pose, lambda: driver.subscriber.total > 0, "another frame is dropped"
     )
-    x, y = world.topics.convert.centres[0]
+    x, y = world.topics.messages.centres[0]
     pose.header.frame_id = "map"
     pose.pose.orientation.w = 1.0
     pose.pose.position.x = x
@@ -507,7 +515,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     observer = bench.observer()
     observer.listen(Twist, "robot_1/cmd_vel")
     heard = observer.listen(JointState, "robot_1/reached")
-    convert = Converter(world.run)
+    convert = messages_of(world.run)
     goals = Goals(1, 1, True, 0.0, (BodyGoal(0, 0, 0),))
     pose = PoseStamped()
     pose.header.frame_id = "map"
@@ -521,7 +529,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     driver.hear("run", run[0])
     driver.tick()
     driver.world_said(RunStatus(world.run.id, RunState.LEARNING, 1, 0))
-    driver.hear("goals", convert.goals_message(goals))
+    driver.hear("goals", goals_message(convert, goals))
     driver.hear("robot_1/pose", pose)
 
     def reported():

@@ -70,7 +70,9 @@ class Follower(ParameterNode):
         self._refused = ""
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.subscriber.listen(ros_topics.RUN, self._on_run, unpack=self._read_run)
+        self.subscriber.listen_packed(
+            ros_topics.RUN, lambda data: (self._read_run(data),), self._on_run
+        )
         self.subscriber.listen(ros_topics.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 

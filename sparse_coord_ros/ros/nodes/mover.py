@@ -26,8 +26,9 @@ from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals
 from sparse_coord_ros.protocol.wire import OVER, WORLD, RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
+from sparse_coord_ros.ros.nodes.body_messages import reached_message, read_goals
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
+from sparse_coord_ros.ros.nodes.messages import messages_of, robot_number
 from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
@@ -148,9 +149,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Begin with a run: subscribe to goals and poses."""
         number = robot_number(run, self.robot, "give parameter robot one of them")
         self._mover = self.make(MetricMap(run, self.values["radius"]), number)
-        self._convert = Converter(run)
+        self._messages = messages_of(run)
         self.subscriber.listen(
-            ros_topics.BODY_GOALS, self._on_goals, read=self._convert.read_goals
+            ros_topics.BODY_GOALS,
+            self._on_goals,
+            read=functools.partial(read_goals, self._messages),
         )
         pose_type = self.values["pose_type"]
         if pose_type == FROM_TF:
@@ -211,7 +214,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def report_reached(self, reached: GoalReport) -> None:
         """Publish how a goal ended."""
-        message = self._convert.reached_message(self._step, reached)
+        message = reached_message(self._messages, self._step, reached)
         self._reached_publisher.publish(message)
 
     def go_on(self, now: float) -> None:

@@ -54,7 +54,7 @@ from sparse_coord_ros.lab.driving.trials import (
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 from sparse_coord_ros.protocol.wire.services import Service
 from sparse_coord_ros.ros.nodes.direct_recording import (
     DirectRecording,
@@ -133,6 +133,7 @@ class NodePlace(TypedDict, total=False):
         values: parameters given by the program; None: those of the command line count.
         direct: the direct way to a recorder in the same process; None: a recorder subscribes.
         shared_clients: those of the robots of this process, by service.
+        shared_states: for each robot of this process, those that are handed its states, by name.
     """
 
     context: Context
@@ -140,6 +141,7 @@ class NodePlace(TypedDict, total=False):
     values: Mapping[str, Any] | None
     direct: DirectRecording | None
     shared_clients: dict[str, Client]
+    shared_states: dict[str, dict[str, Callable[[int, int], None]]]
 
 
 class ParameterNode(Node):
@@ -157,7 +159,7 @@ class ParameterNode(Node):
         full_name: its name with its namespace, as in diagnostics: `team_a/robot_1`.
         born: the time of the node's beginning, by the monotonic clock.
         direct: the connection to a recorder in the same process, or None.
-        shared_clients: clients that the robots of this process share, by service.
+        shared_clients, shared_states: as of `NodePlace`.
         reminder: times of reminders while the node waits.
         failure: the error that stops the node, or None.
         done: whether the node's work is finished.
@@ -195,6 +197,7 @@ class ParameterNode(Node):
         self._table = table
         self.direct = place.get("direct")
         self.shared_clients = place.get("shared_clients", {})
+        self.shared_states = place.get("shared_states", {})
         self.subscriber = Subscriber(self)
         try:
             self.values = self._declare()
@@ -238,12 +241,6 @@ class ParameterNode(Node):
                 return args[-1] if args else None
 
         return wrapped
-
-    def create_subscription(self, msg_type, topic, callback, *args, **more):
-        """As `Node`'s; the callback is guarded."""
-        return super().create_subscription(
-            msg_type, topic, self.guarded(callback), *args, **more
-        )
 
     def create_service(self, srv_type, srv_name, callback, **more):
         """As `Node`'s, with a guarded callback; rclpy's own ones refuse unreadable requests."""
