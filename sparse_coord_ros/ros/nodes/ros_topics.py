@@ -17,11 +17,9 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import Delivery, services
 
 RECORDED_DEPTH = 4_000
-"""For publishers, and for a recorder or a page that lags. The world waits for a recorder that is
-more than half as many time steps behind."""
-
-HEARD_DEPTH = 10
-"""For readers in the lock step, which needs a depth of 2."""
+"""For publishers and readers of each time step. The world waits for a recorder that is more than
+half as many time steps behind. It does not wait for a robot that has arrived; when that one goes on,
+it still learns from its last move."""
 
 QOS_PROFILES = {
     Delivery.STEP: QoSProfile(depth=RECORDED_DEPTH),
@@ -79,11 +77,6 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
     return tuple(
         bind(one) for one in wire.TOPICS if one.recorded and one.owner == owner
     )
-
-
-def heard_qos(topic: RosTopic) -> QoSProfile:
-    """Return the QoS profile of a reader that keeps up."""
-    return QoSProfile(depth=HEARD_DEPTH, durability=topic.qos.durability)
 
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
