@@ -106,7 +106,8 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     if options.resume is not None:
         shared.nothing_else_given(options)
         out = options.resume
-        values = {"resume": True, "scenario": ""}
+        load_run(out)  # an error in one line where there is none
+        values = {"scenario": ""}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
         if options.greedy and not options.tables:

@@ -74,7 +74,7 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(
     assert max(set.intersection(*steps)) == max(set.union(*steps)), (
         "all ended at one step"
     )
-    again = {"resume": True, "out": str(out)}
+    again = {"out": str(out)}
     board = MessageBoard()
     with ros_context() as context:
         summary = run_team(again, context=context, page=board)
@@ -117,8 +117,8 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
     scenes = observer.listen(MarkerArray, "world_simulator/scene", latched=True)
     maps = observer.listen(OccupancyGrid, "robot_1/coordination_map", latched=True)
     said = observer.listen(DiagnosticArray, "/diagnostics")
-    bench.world(resume=True, scenario="", out=str(out))
-    bench.robot("robot_1", resume=True, out=str(out))
+    bench.world(scenario="", out=str(out))
+    bench.robot("robot_1", out=str(out))
     bench.spin_until(
         lambda: len({one.status[0].name for one in said}) == 2, "both report"
     )
@@ -134,7 +134,7 @@ def test_another_run_is_refused(tmp_path):
             stop=lambda: len(saved(out)) >= 3,
         )
         with pytest.raises(RunError, match="holds another run .*seed 7"):
-            run_team(values(out, resume=True, seed=8), context=context)
+            run_team(values(out, seed=8), context=context)
 
 
 class Under:

@@ -127,8 +127,7 @@ class WorldAttempts:
             if none and len(saved) > 1:
                 raise RunError(
                     f"{node} has no checkpoint of this run, which is at step {saved[0]}; all is "
-                    f"saved: start {node} with its parameter 'out', and all nodes with resume; "
-                    "or begin a new run"
+                    f"saved: start {node} with the 'out' that it had, or begin a new run"
                 )
 
 

@@ -455,9 +455,6 @@ class Recorder(Follower):
         self.directory = Path(
             self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}"
         )
-        if self.directory.exists() and not self.values["resume"]:
-            what = f"output directory {self.directory}: exists already, nothing is overwritten"
-            raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
         self.checkpoints: list[int] = []
         self._recording_publisher = self.announce(ros_topics.RECORDING)
@@ -494,8 +491,7 @@ class Recorder(Follower):
         """
         self._progress = self.announce(ros_topics.PROGRESS, RECORDER)
         self._known = self.found.attempt if run.recorded else NO_ATTEMPT
-        if self.values["resume"]:
-            self._earlier = continued(self.directory)
+        self._earlier = continued(self.directory)
         if self._earlier is not None:
             found = find_run(self._earlier)
             if found.run.id != run.id:

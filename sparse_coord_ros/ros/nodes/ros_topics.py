@@ -18,8 +18,8 @@ from sparse_coord_ros.protocol.wire import Delivery, services
 
 RECORDED_DEPTH = 4_000
 """For publishers and readers of each time step. The world waits for a recorder that is more than
-half as many time steps behind. It does not wait for a robot that has arrived; when that one goes on,
-it still learns from its last move."""
+half as many time steps behind. It does not wait for a robot that has arrived; one that lags still
+learns from its last move."""
 
 QOS_PROFILES = {
     Delivery.STEP: QoSProfile(depth=RECORDED_DEPTH),

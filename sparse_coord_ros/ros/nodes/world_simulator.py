@@ -4,9 +4,7 @@
 
 import math
 import time
-import uuid
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -39,12 +37,11 @@ from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.ros.nodes.messages import run_announced
-from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
+from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, holds_run, run_of
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
     NodePlace,
     ParameterNode,
-    run_from_parameters,
 )
 from sparse_coord_ros.ros.nodes.restart import Restart
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
@@ -75,6 +72,7 @@ class WorldSimulator(ParameterNode):
         startup_timeout: the seconds that it waits for the other nodes.
         lost_timeout: the seconds that it waits for lost robots before it ends.
         run: the run.
+        resumed: whether its output directory held the run, which goes on.
         state: its state, which `next_state` changes.
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: robots without bodies.
@@ -98,10 +96,8 @@ class WorldSimulator(ParameterNode):
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__(WORLD, PARAMETERS[WORLD], **place)
-        if self.values["resume"]:
-            self.run = resumed_run(self.values)
-        else:
-            self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
+        self.resumed = holds_run(self.values["out"])
+        self.run = run_of(self.values)
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
         self.bodies: WorldBodies | None = None
@@ -125,8 +121,7 @@ class WorldSimulator(ParameterNode):
     @property
     def doing(self) -> str:
         """The world's activity: a `wire.RunState`."""
-        resuming = bool(self.values["resume"])
-        return self.state.published(greedy=self.run.greedy, resuming=resuming)
+        return self.state.published(greedy=self.run.greedy, resuming=self.resumed)
 
     def _happens(self, event: Event | None = None) -> None:
         """Change the state by an event, if any, and make the time step that is due.
@@ -165,7 +160,7 @@ class WorldSimulator(ParameterNode):
 
     def _show(self) -> None:
         """Publish the robots' places; not of a resumed team that has not gone back yet."""
-        gathering = self.state in GATHERING and self.values["resume"]
+        gathering = self.state in GATHERING and self.resumed
         if self.state not in RETURNING and not gathering:
             self.topics.show(always=self.lockstep.finished)
 
@@ -249,7 +244,7 @@ class WorldSimulator(ParameterNode):
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
-        self.topics.open(resumed=self.values["resume"])
+        self.topics.open(resumed=self.resumed)
         self._happens(Event.OPENED)
         self._say()
 
@@ -345,7 +340,7 @@ class WorldSimulator(ParameterNode):
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if self.lost_timeout <= stands:
             why = f"the world has waited for {stands:.0f} s for {names}"
-            saved = "all is saved; start all nodes again with parameter resume"
+            saved = "all is saved; start all nodes again"
             if not self.values["out"]:
                 saved = "parameter 'out' is empty: the run is not saved"
             raise RunError(f"step {side.world.step}: {why}; {saved}")
