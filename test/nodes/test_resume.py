@@ -3,6 +3,7 @@
 """Live teams that are interrupted and continue: the bits of an unbroken run."""
 
 import time
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -123,6 +124,21 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
         lambda: len({one.status[0].name for one in said}) == 2, "both report"
     )
     assert scenes == maps == []
+
+
+def test_a_slow_team_has_checkpoints_by_time(tmp_path, bench, monkeypatch):
+    """All nodes save at the same steps, and the bits are the same."""
+    monkeypatch.setattr(world_simulator, "CHECKPOINT_SECONDS", 0.2)
+    monkeypatch.setattr(world_simulator, "AHEAD_SECONDS", 0.05)
+    out = tmp_path / "out"
+    slow = {"steps": 60, "rate": 60.0, "checkpoint": 1000}
+    world = bench.world(out=str(out), **slow)
+    bench.robots(out=str(out))
+    bench.spin_until(lambda: len(saved(out)) >= 6, "two checkpoints of all three")
+    steps = Counter(int(name[:-4].rpartition("_")[2]) for name in saved(out))
+    assert sorted(steps.values())[-2:] == [3, 3]
+    bench.spin_until_done()
+    assert world.lockstep.timeouts == 0
 
 
 def test_another_run_is_refused(tmp_path):

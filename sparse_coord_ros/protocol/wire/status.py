@@ -39,6 +39,7 @@ class RunStatus(NamedTuple):
         began: why the episode began, a `StartReason`.
         order: the last order; its fields are values of the message.
         oldest: the oldest checkpoint to which the team may go back; nodes remove older ones.
+        save_at: a time step at which all save, beside every `checkpoint` steps; 0: none.
     """
 
     run: str
@@ -49,6 +50,7 @@ class RunStatus(NamedTuple):
     began: str = ""
     order: Order = Order()
     oldest: int = 0
+    save_at: int = 0
 
     def values(self) -> dict[str, object]:
         """Return the values of its message."""
@@ -57,7 +59,7 @@ class RunStatus(NamedTuple):
         return values
 
 
-NUMBERS = ("step", "transitions", "left_out", "checkpoint", "oldest")
+NUMBERS = ("step", "transitions", "left_out", "checkpoint", "oldest", "save_at")
 """The values of `status` that are numbers."""
 
 
@@ -89,6 +91,7 @@ def read_status(message: Any) -> RunStatus:
         began=values["began"],
         order=Order(values["attempt"], numbers["checkpoint"]),
         oldest=numbers["oldest"],
+        save_at=numbers["save_at"],
     )
 
 

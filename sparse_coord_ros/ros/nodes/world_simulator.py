@@ -58,6 +58,12 @@ NOT_UNDER_WAY = "the run is not under way"
 PROGRESS_SECONDS = 5.0
 """Between two lines of progress."""
 
+CHECKPOINT_SECONDS = 10.0
+"""Between two checkpoints by time."""
+
+AHEAD_SECONDS = 0.5
+"""How long before a checkpoint by time the robots hear of it."""
+
 
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), and waits for the team's actions.
@@ -93,6 +99,9 @@ class WorldSimulator(ParameterNode):
     # The rate of that timer.
     _timed_rate = 0.0
     _told = -math.inf
+    # When and at which time step the last checkpoint by time was ordered.
+    _ordered = 0.0
+    _ordered_at = 0
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__(WORLD, PARAMETERS[WORLD], **place)
@@ -283,6 +292,8 @@ class WorldSimulator(ParameterNode):
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
+        self._ordered = now
+        self._ordered_at = self.lockstep.world.step
         self._happens(Event.ALL_THERE)
         self._say()
         self.get_logger().info(
@@ -305,6 +316,7 @@ class WorldSimulator(ParameterNode):
 
     def _watch_the_barrier(self, now: float) -> None:
         self._keep_the_rate()
+        self._save_now_and_then(now)
         if self.bodies is not None:
             self.bodies.look(now, held=self.state is State.PAUSED)
         if self.lockstep.world.step >= self.restart.limit:
@@ -319,6 +331,19 @@ class WorldSimulator(ParameterNode):
             self._say()
         if self.state in (State.RUNNING, State.RESTING):
             self._wait_for_the_lost(now)
+
+    def _save_now_and_then(self, now: float) -> None:
+        """Order a checkpoint after some time: in about half a second, when all know of it."""
+        if not self.run.checkpoint or now - self._ordered < CHECKPOINT_SECONDS:
+            return
+        step = self.lockstep.world.step
+        made = step - self._ordered_at
+        self._ordered = now
+        self._ordered_at = step
+        if made > 0:
+            ahead = int(made * AHEAD_SECONDS / CHECKPOINT_SECONDS)
+            self.lockstep.save_at = step + 1 + ahead
+            self._say()
 
     def _wait_for_the_recorder(self, now: float) -> None:
         """Log that the world waits; continue without a recorder that is lost."""
