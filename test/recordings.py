@@ -167,7 +167,6 @@ class Recording:
                 self.world.advance()
                 if self.world.world.transitions % STATUS_STEPS == 0:
                     self.say("learning")
-                    self.mark()
                     for k, robot in enumerate(self.robots):
                         self.coordination_map(k, robot.handled)
             elif any(robot.waiting for robot in self.robots):

@@ -19,7 +19,6 @@ from geometry_msgs.msg import (
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
-from patience import PATIENCE_SECONDS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -29,12 +28,10 @@ from sparse_coord_ros.core.game.actions import SOUTH
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
-from sparse_coord_ros.ros.nodes import mover
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.body_messages import (
     goals_message,
@@ -173,39 +170,6 @@ def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips
     found = verify(out / "bag")
     assert found.same, found.first
     assert found.steps == 12 and found.log.run.bodies and found.log.run.slips is slips
-
-
-def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatch):
-    """Else it repeats a command, and the body goes a tick too far."""
-    monkeypatch.setattr(mover, "HEAP_SECONDS", PATIENCE_SECONDS)
-    taken = []
-
-    class Taking(Driver):
-        """Keeps the times of its poses."""
-
-        def sees(self, seconds, pose):
-            taken.append(seconds)
-            super().sees(seconds, pose)
-
-    class Sleepy(DriverNode):
-        """Receives poses, and does not drive."""
-
-        def make(self, metric_map, number):
-            return Taking(metric_map, None, number)
-
-        def drive(self):
-            pass
-
-    bench.world(bodies=True)
-    context = bench.place()[0]
-    driver = bench.add(puppet(Sleepy)(context=context, values={"robot": "robot_1"}))
-    bench.spin_until(lambda: driver.presence is not None, "the run is known")
-    pose = PoseStamped()
-    pose.header.frame_id = "map"
-    for tenths in (70, *[71] * 9, 72):
-        pose.header.stamp.sec, pose.header.stamp.nanosec = 7, (tenths - 70) * 10**8
-        driver.hear("robot_1/pose", pose)
-    assert taken == pytest.approx([7.0, 7.1, 7.2])
 
 
 def test_drivers_that_are_missing_are_named(bench, tmp_path):

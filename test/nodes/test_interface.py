@@ -310,6 +310,8 @@ def test_rviz_gets_what_its_file_subscribes_to(team):
         if kind is None:
             assert display["Class"] in ("rviz_common/Group", "rviz_default_plugins/TF")
             continue
+        if kind is PoseStamped:  # not latched, and the team is paused
+            continue
         wanted = display["Topic"]
         qos = QoSProfile(
             depth=wanted["Depth"],
@@ -371,8 +373,8 @@ def test_foxglove_finds_what_its_layout_names(team):
         }
         for topic in scene["topics"]:
             [kind] = types[topic]
-            latched = not topic.endswith("local_state")
-            got[topic] = team.observer.listen(drawable[kind], topic, latched=latched)
+            if drawable[kind] is not PoseStamped:  # the team is paused
+                got[topic] = team.observer.listen(drawable[kind], topic, latched=True)
         team.bench.spin_until(lambda: all(got.values()), "all that is drawn")
         for messages in got.values():
             frames = {h.frame_id for message in messages for h in headers(message)}

@@ -102,8 +102,8 @@ def test_unreadable(sparse_coord, tmp_path):
             assert err.startswith("error: ") and err.count("\n") == 1
 
 
-def test_damage_is_said(sparse_coord, good, tmp_path):
-    bag = open_bag(good.bag)
+def test_damage_is_said(sparse_coord, record, tmp_path):
+    bag = open_bag(record(chunk=50_000).bag)
     [blocks] = bag.blocks
     data = bytearray(bag.path.read_bytes())
     data[blocks[len(blocks) // 2].offset + 100] ^= 1

@@ -95,12 +95,13 @@ def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch):
     """A recorder flushes the run before the first time step: into a chunk of the time 0."""
 
     class Flushed(recordings.Recording):
-        def mark(self):
-            super().mark()
-            self.bag.flush()
+        def say(self, state):
+            super().say(state)
+            if state == "waiting":
+                self.bag.flush()
 
     run = make_run(load_scenario("env1").with_settings({"steps": 400}), {"seed": 7})
-    Flushed(tmp_path / "bag", run)
+    Flushed(tmp_path / "bag", run, chunk=50_000)
     read = []
     content = contents.chunk_content
 

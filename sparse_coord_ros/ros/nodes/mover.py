@@ -39,8 +39,8 @@ from sparse_coord_ros.ros.nodes.transforms import (
     seconds_of,
 )
 
-POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""For poses and odometry of real robots: receives from publishers of any reliability."""
+POSES_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Only the newest pose counts; it receives from publishers of any reliability."""
 
 TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -54,9 +54,6 @@ TYPES: dict[str, tuple[Any, Any]] = {
     "odometry": (Odometry, lambda message: message.pose.pose),
 }
 """Message classes that hold a pose, and its place in the message."""
-
-HEAP_SECONDS = 0.2
-"""Poses that arrive closer together than this waited in a queue: they were published long ago."""
 
 STAND_SECONDS = 0.1
 """Between two commands to stop while the team is paused: a base may miss one."""
@@ -162,8 +159,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
             kind, inside = TYPES[pose_type]
             topic = replace(ros_topics.POSE, type=kind)
             read = functools.partial(self._read_pose, inside)
-            qos = topic.qos if pose_type == "pose" else POSES_QOS
-            self.subscriber.listen(topic, self._see, self.robot, read=read, qos=qos)
+            self.subscriber.listen(
+                topic, self._see, self.robot, read=read, qos=POSES_QOS
+            )
 
     def _hear_transforms(self) -> None:
         remedy = "install it, or take a topic of poses"
@@ -196,10 +194,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def _see(self, seen: tuple[float, Pose] | None) -> None:
         if seen is None or self._mover is None:
             return
-        now = time.monotonic()
-        if seen[0] == self._mover.heard and now - self._seen < HEAP_SECONDS:
-            return  # they came while this node slept: they are not current
-        self._seen = now
+        self._seen = time.monotonic()
         self._stopped = False
         self._mover.sees(*seen)
         if self.may_drive:

@@ -3,6 +3,8 @@
 """ROS parameters from the typed tables of `core.game.settings`."""
 
 import functools
+import math
+import sys
 import time
 from array import array
 from collections import Counter
@@ -10,11 +12,16 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, TypedDict, Unpack, cast
+from typing import Any, ClassVar, TypedDict, Unpack
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
@@ -120,6 +127,9 @@ name."""
 DISCOVERY_SECONDS = 1.0
 """How long a starting node looks for other nodes."""
 
+LARGEST = sys.float_info.max
+"""The bound of numbers without one."""
+
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
 
@@ -169,7 +179,12 @@ class ParameterNode(Node):
         SettingError: an unknown parameter or a bad value.
     """
 
-    changeable: ClassVar[Collection[str]] = ("rate",)
+    changeable: ClassVar[Collection[str]] = (
+        "rate",
+        "lost_robot",
+        "body_timeout",
+        "pose_timeout",
+    )
 
     def __init__(
         self, name: str, table: SettingTable, **place: Unpack[NodePlace]
@@ -183,7 +198,6 @@ class ParameterNode(Node):
                 namespace=place.get("namespace", ""),
                 use_global_arguments=values is None,
                 parameter_overrides=given,
-                automatically_declare_parameters_from_overrides=True,
             )
         except (RCLError, RuntimeError) as error:
             why = message_of(error)
@@ -365,23 +379,27 @@ class ParameterNode(Node):
         return any(count <= ears[name] for name, count in self.names_of(role).items())
 
     def _declare(self) -> dict[str, Any]:
-        overrides = {
-            key: cast(Parameter, parameter).value
-            for key, parameter in self.get_parameters_by_prefix("").items()
-            if key not in ROS_PARAMETERS and not key.startswith(ROS_PARAMETERS_PREFIX)
+        """Declare the parameters, and return their values; all that are given are checked."""
+        given = {
+            name: parameter.value
+            for name, parameter in self._parameter_overrides.items()
+            if name not in ROS_PARAMETERS and not name.startswith(ROS_PARAMETERS_PREFIX)
         }
         takes = {**self._table, **(SETTINGS if "scenario" in self._table else {})}
-        others = set(ALL_NAMES) - set(takes)
-        given = {name: value for name, value in overrides.items() if name not in others}
+        for name in set(ALL_NAMES) - set(takes):
+            given.pop(name, None)  # of other nodes
         parsed = self.parse(SettingTable(takes.values()), given)
         values = {**self._table.defaults(), **parsed}
         allow_modules(values.get("allow", ()))
-        for name in overrides:
-            self.undeclare_parameter(name)
-        for name, setting in self._table.items():
-            descriptor = _descriptor(setting, read_only=name not in self.changeable)
-            self.declare_parameter(name, values[name], descriptor, ignore_override=True)
+        rows = [
+            (name, values[name], self._descriptor(setting))
+            for name, setting in self._table.items()
+        ]
+        self.declare_parameters("", rows, ignore_override=True)
         return values
+
+    def _descriptor(self, setting: Setting) -> ParameterDescriptor:
+        return _descriptor(setting, read_only=setting.name not in self.changeable)
 
     def parse(
         self, table: SettingTable, values: Mapping[str, object]
@@ -445,14 +463,23 @@ def _as_parameter(value: object) -> bool | int | float | str:
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
-    return ParameterDescriptor(
+    """Return the description of a parameter; a number's has its range."""
+    found = ParameterDescriptor(
         name=setting.name,
         description=setting.help,
         additional_constraints=f"allowed: {setting.allowed}",
         read_only=read_only,
-        dynamic_typing=setting.kind
-        is float,  # a whole number is a number: `param set rate 20`
     )
+    bounds = (setting.low, setting.high)
+    if setting.kind is float:
+        # a whole number is a number: `param set rate 20`
+        found.dynamic_typing = True
+        low, high = (min(max(one, -LARGEST), LARGEST) for one in bounds)
+        found.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif setting.kind is int and all(map(math.isfinite, bounds)):
+        low, high = map(int, bounds)
+        found.integer_range = [IntegerRange(from_value=low, to_value=high)]
+    return found
 
 
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:

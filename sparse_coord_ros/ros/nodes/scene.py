@@ -221,9 +221,9 @@ class ScenePublisher:
         self._bases = [robot_frame(node, name, BASE) for name in messages.names]
         self._transforms = TransformPublisher(node) if frames else None
 
-    def open(self, cells: Sequence[int], stamp: tuple[int, int]) -> None:
-        """Publish the markers; arguments as of `publish`."""
-        shown = Scene(self._messages, 0, cells, map_header(stamp))
+    def show_floor(self, stamp: tuple[int, int]) -> None:
+        """Publish the markers; `stamp`: the ROS time, (sec, nanosec)."""
+        shown = Scene(self._messages, 0, (), map_header(stamp))
         self._markers.publish(shown.markers(self._goals))
 
     def publish(

@@ -300,6 +300,7 @@ class WorldSimulator(ParameterNode):
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
             f"steps, seed {self.run.seed}"
         )
+        self.topics.show_floor()
         self.lockstep.start()
         self._end_when_finished()
 
@@ -310,6 +311,7 @@ class WorldSimulator(ParameterNode):
             self.topics.start_anew()
             self._happens(Event.RETURN)
         elif self.state in RETURNING:
+            self.topics.show_floor()
             self._happens(Event.ALL_THERE)
             self._end_when_finished()
         self._say()

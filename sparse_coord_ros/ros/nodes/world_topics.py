@@ -133,8 +133,7 @@ class WorldTopics:
 
     def open(self, *, resumed: bool) -> None:
         """Publish the run, its map and markers; of a new run also the robots' first places."""
-        self._map_publisher.publish(self.messages.pack_map(0))
-        self._scene.open(self._game.cells, self._ros_time())
+        self.show_floor()
         if not resumed:
             self.show()
         self._run_publisher.publish(String(data=self._run.to_yaml()))
@@ -155,6 +154,12 @@ class WorldTopics:
         )
         message = status(self._run.scenario.name, state, said.values())
         self._status_publisher.publish(message)
+
+    def show_floor(self) -> None:
+        """Publish map and markers: when the world opens, and when a recorder has begun."""
+        step = self._game.step
+        self._map_publisher.publish(self.messages.pack_map(step))
+        self._scene.show_floor(self._ros_time())
 
     def show(self, *, always: bool = False) -> None:
         """Publish the robots' places for people; limited in rate unless `always`."""
