@@ -58,6 +58,9 @@ NOT_UNDER_WAY = "the run is not under way"
 PROGRESS_SECONDS = 5.0
 """Between two lines of progress."""
 
+CLEARLY_LESS = 0.9
+"""The share of a wanted rate that a world should keep at least."""
+
 CHECKPOINT_SECONDS = 10.0
 """Between two checkpoints by time."""
 
@@ -99,6 +102,10 @@ class WorldSimulator(ParameterNode):
     # The rate of that timer.
     _timed_rate = 0.0
     _told = -math.inf
+    # The rate that is being watched, when that began, and the time steps by then.
+    _watched = (0.0, 0.0, 0)
+    # The rate of which the world has said that it cannot keep it.
+    _missed = 0.0
     # When and at which time step the last checkpoint by time was ordered.
     _ordered = 0.0
     _ordered_at = 0
@@ -401,6 +408,25 @@ class WorldSimulator(ParameterNode):
             self._rate_timer = self.create_timer(1 / rate, self.beat)
         self._timed_rate = rate
 
+    def _watch_the_rate(self, now: float) -> None:
+        """Say once which rate the world keeps, if it is clearly less than the wanted one."""
+        wanted = self.values["rate"]
+        rate, since, before = self._watched
+        step = self.lockstep.world.step
+        if wanted != rate or self.state not in (State.RUNNING, State.RESTING):
+            self._watched = (wanted, now, step)
+            return
+        seconds = now - since
+        if seconds < PROGRESS_SECONDS:
+            return
+        self._watched = (wanted, now, step)
+        made = step - before
+        if made + 1 < CLEARLY_LESS * wanted * seconds and self._missed != wanted:
+            self._missed = wanted
+            self.get_logger().warning(
+                f"rate {wanted:g} cannot be kept: {made / seconds:.3g} steps/s"
+            )
+
     def beat(self) -> None:
         """The next step is due, by the `rate`; it is made as soon as all actions are there.
 
@@ -455,6 +481,7 @@ class WorldSimulator(ParameterNode):
         world = self.lockstep.world
         run = self.run
         rate, moved = self.speed.report(now)
+        self._watch_the_rate(now)
         values = {
             **self._counts(),
             "messages_dropped": self.subscriber.total,
