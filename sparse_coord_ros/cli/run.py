@@ -107,7 +107,7 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
         shared.nothing_else_given(options)
         out = options.resume
         load_run(out)  # an error in one line where there is none
-        values = {"scenario": ""}
+        values: dict[str, Any] = {"scenario": ""}
     else:
         out = shared.output_directory(options, shared.scenario_of(options).name)
         if options.greedy and not options.tables:
