@@ -5,6 +5,7 @@
 docs/own_robot.md says what each message means: python own_robot.py --ros-args -r __node:=robot_1
 """
 
+import math
 import random
 from contextlib import suppress
 
@@ -18,7 +19,6 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -44,11 +44,10 @@ class OwnRobot(Node):
         self.name = self.get_name()
         self.action = self.create_publisher(JointState, "~/action", STEP)
         self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
-        service = self.create_service(GetPlan, "~/active_perception", self.on_asked)
-        contents = ServiceIntrospectionState.CONTENTS
-        service.configure_introspection(self.get_clock(), STEP, contents)
+        self.create_service(GetPlan, "~/active_perception", self.on_asked)
         self.create_subscription(String, "run", self.on_run, LATCHED)
-        self.create_subscription(OccupancyGrid, "map", self.on_map, LATCHED)
+        floor = "world_simulator/map"
+        self.create_subscription(OccupancyGrid, floor, self.on_map, LATCHED)
         self.create_subscription(DiagnosticStatus, "status", self.on_status, LATCHED)
 
     def on_run(self, message):
@@ -122,9 +121,11 @@ class OwnRobot(Node):
         """Return (row, column) of a pose, from the top left."""
         here = message.pose.position
         corner = self.map.origin.position
-        side = self.map.resolution
-        row = (here.y - corner.y) // side
-        column = (here.x - corner.x) // side
+        turn = self.map.origin.orientation
+        yaw = 2 * math.atan2(turn.z, turn.w)
+        x, y = here.x - corner.x, here.y - corner.y
+        column = (math.cos(yaw) * x + math.sin(yaw) * y) // self.map.resolution
+        row = (math.cos(yaw) * y - math.sin(yaw) * x) // self.map.resolution
         return self.map.height - 1 - int(row), int(column)
 
     def rests(self):

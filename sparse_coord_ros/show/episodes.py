@@ -113,7 +113,7 @@ def played_episode(
     """
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
-    recorder = HistoryRecorder(len(scenario.robots))
+    recorder = HistoryRecorder(scenario)
     played = [tuple(_play(world, team, recorder)) for _ in range(PLAYED)]
     history = recorder.look()
     number = chosen(wanted, history, np.ones(PLAYED, dtype=bool), "greedy episodes")

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
 from teams import tables_from_values, untrained
 
 from sparse_coord_ros.base.palette import ROBOT_COLOURS, ink_on, rgb
@@ -12,7 +11,7 @@ from sparse_coord_ros.core.runs.evaluation import greedy_agents
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
-from sparse_coord_ros.protocol.wire.messages import Messages
+from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages
 from sparse_coord_ros.show.policy import entered, policy_of, row_asking
 
 ENV1 = load_scenario("env1")
@@ -65,9 +64,8 @@ def test_pictures_and_the_map_topic_agree_on_who_asks_where():
     ties = 0
     for robot, table in zip(scenario.robots, tables, strict=True):
         policy = policy_of(table, robot.goal)
-        data = OccupancyData(frame)
         published = (
-            np.frombuffer(data.coordination(table.q_star), dtype=np.int8)[data.places]
+            np.frombuffer(frame.asking_cells(table.q_star), np.int8)[frame.places]
             == OCCUPIED
         )
         here = np.arange(len(published)) != robot.goal

@@ -45,6 +45,7 @@ from sparse_coord_ros.core.learners.registry import (
 )
 
 RUN_FILE = "run.yaml"
+SUMMARY_FILE = "summary.yaml"
 CELLS = 250_000
 """Most free cells of a map to learn on."""
 

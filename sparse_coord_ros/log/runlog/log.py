@@ -291,12 +291,23 @@ class RunLog:
             np.add.at(sums, episode, values[made])
             return sums
 
+        asked = self.asked & rewarded
+        arrives = rewarded & (after == goals)
+        paid = np.where(arrives, scenario.arrival_value, 0.0)
+        paid += np.where(conflicts[:, None], scenario.penalties, 0.0)
+        paid += np.where(asked, -scenario.ask_cost, 0.0)
+        elapsed = np.zeros(len(self.step), dtype=np.int64)
+        elapsed[made] = self.step[made] - self.step[first][episode]
+        powers = np.full(elapsed.max(initial=0) + 1, scenario.discount)
+        powers[0] = 1.0
+        factors = np.cumprod(powers)  # one by one, as everywhere: the same bits
+
         return History(
             first_step=self.step[first],
             length=total(made.astype(np.int64)),
-            returns=total(np.where(rewarded, self.reward[..., -1], 0.0)),
+            returns=total(factors[elapsed][:, None] * paid),
             miscoordinations=total(conflicts.astype(np.int64)),
-            asks=total((self.asked & rewarded).astype(np.int64)),
+            asks=total(asked.astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,
             present=np.ones((len(found), len(self.names)), dtype=bool),
         )

@@ -79,7 +79,7 @@ class WorldSide:
         self.timeouts = self.left_out = self.stale = 0
         self.began: str = StartReason.START
         self.absent: set[int] = set()
-        self.history = HistoryRecorder(len(run.scenario.robots))
+        self.history = HistoryRecorder(run.scenario)
         self.watcher: Callable[[TeamTransition], None] | None = None
         self.held = False
         self.save_at = 0
@@ -138,9 +138,8 @@ class WorldSide:
         world.episode, world.miscoordinations, *own = state.counts
         self.timeouts, self.left_out, self.stale = own
         under_way = state.position.under_way
-        robots = len(self._robots)
         self.history = HistoryRecorder(
-            robots, history=state.history, under_way=under_way
+            world.scenario, history=state.history, under_way=under_way
         )
         self.held = True
         self._begin_step()

@@ -37,7 +37,7 @@ SECOND = 1_000_000_000
 """Nanoseconds."""
 
 EAST_NORTH = [(float(column), float(-row)) for row, column in DIRECTIONS]
-"""The primitive actions as unit vectors (x east, y north: REP-103)."""
+"""The primitive actions as unit vectors (x east, y north: REP-103) along the map's axes."""
 
 MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
 
@@ -279,7 +279,8 @@ FLAGS = (0.0, 1.0)
 class Messages:
     """The messages of one run, as CDR: its steps and cells as seconds and metres, and back.
 
-    Time step t has the stamp t * step_period seconds. In the frame `map` x points east, y north.
+    Time step t has the stamp t * step_period seconds. In the frame `map` the map lies at its
+    `origin`; if that has no yaw, east is along x, north along y.
     Reading checks the frame and the numbers: a message that does not fit the run raises
     ValueError; one that cannot be decoded may raise any exception.
 
@@ -291,7 +292,7 @@ class Messages:
     Attributes:
         grid: the map.
         resolution: metres a cell.
-        origin: (x, y) of the map's lower left corner, in metres.
+        origin: the pose of the map's lower left corner.
         period: nanoseconds a time step.
         centres: (x, y) of the middle of each free cell, in metres.
         places: index of each free cell in the data of an occupancy grid, shape (cells,).
@@ -304,17 +305,15 @@ class Messages:
         decode: Callable[[wire.Topic, bytes], Any] | None = None,
     ) -> None:
         self.grid: GridMap = run.scenario.map
-        self.resolution = side = run.resolution
-        self.origin = x, y = self.grid.origin
+        self.resolution = run.resolution
+        self.origin = self.grid.origin
         self.names = run.scenario.names
         self.robots = len(self.names)
         self.period = round(run.step_period * SECOND)
         self._half = self.period // 2
         rows, columns = self.grid.shape
         cells = self.grid.cells
-        self.centres = [
-            (x + (c + 0.5) * side, y + (rows - r - 0.5) * side) for r, c in cells
-        ]
+        self.centres = [self.grid.squares.centre(*cell) for cell in cells]
         self.places = np.array([(rows - 1 - r) * columns + c for r, c in cells])
         self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
         self._decode = decode
@@ -333,12 +332,8 @@ class Messages:
         """Return the free cell at a position in metres, or None."""
         cell = self._cells.get((x, y))
         if cell is None:
-            column = (x - self.origin[0]) // self.resolution
-            south = (y - self.origin[1]) // self.resolution
-            # far away they may overflow
-            if isfinite(column) and isfinite(south):
-                position = (self.grid.shape[0] - 1 - int(south), int(column))
-                cell = self.grid.number.get(position)
+            square = self.grid.squares.at(x, y)
+            cell = None if square is None else self.grid.number.get(square)
         return cell
 
     def _decoded(

@@ -4,7 +4,6 @@
 
 import functools
 import math
-import sys
 import time
 from array import array
 from collections import Counter
@@ -127,9 +126,6 @@ name."""
 DISCOVERY_SECONDS = 1.0
 """How long a starting node looks for other nodes."""
 
-LARGEST = sys.float_info.max
-"""The bound of numbers without one."""
-
 ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
 
@@ -212,7 +208,7 @@ class ParameterNode(Node):
         self.direct = place.get("direct")
         self.shared_clients = place.get("shared_clients", {})
         self.shared_states = place.get("shared_states", {})
-        self.subscriber = Subscriber(self)
+        self.subscriber = Subscriber(self, self.fail)
         try:
             self.values = self._declare()
             self.set_up()
@@ -391,7 +387,7 @@ class ParameterNode(Node):
         parsed = self.parse(SettingTable(takes.values()), given)
         values = {**self._table.defaults(), **parsed}
         allow_modules(values.get("allow", ()))
-        rows = [
+        rows: list[Any] = [
             (name, values[name], self._descriptor(setting))
             for name, setting in self._table.items()
         ]
@@ -474,8 +470,11 @@ def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
     if setting.kind is float:
         # a whole number is a number: `param set rate 20`
         found.dynamic_typing = True
-        low, high = (min(max(one, -LARGEST), LARGEST) for one in bounds)
-        found.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        if all(map(math.isfinite, bounds)):
+            low, high = map(float, bounds)
+            found.floating_point_range = [
+                FloatingPointRange(from_value=low, to_value=high)
+            ]
     elif setting.kind is int and all(map(math.isfinite, bounds)):
         low, high = map(int, bounds)
         found.integer_range = [IntegerRange(from_value=low, to_value=high)]

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from geometry_msgs.msg import Point
+from geometry_msgs.msg import Pose as PoseMessage
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -23,9 +24,9 @@ from sparse_coord_ros.base.palette import (
     rgb,
     robot_colour,
 )
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import Action
-from sparse_coord_ros.lab.driving.metric_map import Pose
 from sparse_coord_ros.protocol.wire import (
     DOORWAYS,
     GOALS,
@@ -44,6 +45,7 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
     TransformPublisher,
+    pose_message,
     robot_frame,
     transform,
 )
@@ -134,11 +136,17 @@ class Scene:
     ) -> Marker:
         """Return a marker in a cell; `size`: width and height, in cells."""
         marker = self._marker(space, number, kind, *colour)
-        marker.pose.position.x, marker.pose.position.y = self.messages.centres[cell]
+        marker.pose = self._pose(cell)
         width, height = size
         marker.scale.x = marker.scale.y = width * self.messages.resolution
         marker.scale.z = height * self.messages.resolution
         return marker
+
+    def _pose(self, cell: int) -> PoseMessage:
+        """Return the pose of a cell, along the map's axes."""
+        return pose_message(
+            Pose(*self.messages.centres[cell], self.messages.origin.yaw)
+        )
 
     def _text(self, space: str, k: int, text: str, north: float) -> Marker:
         """Return a text marker, `north` cells north of the centre of a robot's cell."""
@@ -185,7 +193,7 @@ class Scene:
         alpha = (0.15, 0.45, 0.8)[min(robots, 2)]
         box = self._marker(OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
         metres = self.messages.resolution
-        box.pose.position.x, box.pose.position.y = self.messages.centres[cell]
+        box.pose = self._pose(cell)
         box.scale.x = box.scale.y = 0.96 * metres
         box.scale.z = (0.02 + 0.15 * robots) * metres
         return box

@@ -8,16 +8,14 @@ with one warning a topic; it never ends a node. An exception in a callback stops
 
 from collections import Counter
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.base.errors import failure_of, message_of
+from sparse_coord_ros.base.errors import SparseCoordError, failure_of, message_of
 from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
-
-if TYPE_CHECKING:
-    from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 
 class Subscriber:
@@ -25,13 +23,15 @@ class Subscriber:
 
     Args:
         node: the node.
+        fail: stops the node, because of an error.
 
     Attributes:
         dropped: number of dropped messages, by topic or service.
     """
 
-    def __init__(self, node: "ParameterNode") -> None:
+    def __init__(self, node: Node, fail: Callable[[SparseCoordError], None]) -> None:
         self._node = node
+        self._fail = fail
         self.dropped: Counter[str] = Counter()
 
     def listen(
@@ -92,7 +92,7 @@ class Subscriber:
             try:
                 then(*content)
             except Exception as error:
-                self._node.fail(failure_of(error))
+                self._fail(failure_of(error))
 
         profile = topic.qos if qos is None else qos
         return self._node.create_subscription(topic.type, name, take, profile, raw=True)

@@ -393,7 +393,7 @@ class HeardTeam:
         self._run = run
         self._goals = [robot.goal for robot in run.scenario.robots]
         self._interactions = interactions_of(run.scenario)
-        self.history = HistoryRecorder(len(self._goals))
+        self.history = HistoryRecorder(run.scenario)
         self.seen = self.episode = self.without = self._ticks = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}

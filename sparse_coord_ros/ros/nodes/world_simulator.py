@@ -13,12 +13,13 @@ from rclpy.timer import Timer
 from sparse_coord_ros.base.errors import NameTakenError, RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.base.progress import in_time
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.repeating import repeating_command
-from sparse_coord_ros.core.runs.run_config import RUN_FILE
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, SUMMARY_FILE
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
@@ -37,7 +38,7 @@ from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.ros.nodes.messages import run_announced
-from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, holds_run, run_of
+from sparse_coord_ros.ros.nodes.outputs import Output, holds_run, run_of
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
     NodePlace,
@@ -498,6 +499,9 @@ class WorldSimulator(ParameterNode):
                 f"{done:>5}  {world.transitions} of "
                 f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}"
             )
+            left = run.scenario.steps - world.transitions
+            if left and rate:
+                line += f", about {in_time(left / rate)} left"
             if can_miscoordinate(interactions_of(run.scenario)):
                 count = world.miscoordinations
                 what = "miscoordination" if count == 1 else "miscoordinations"
