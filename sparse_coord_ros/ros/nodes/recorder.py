@@ -455,6 +455,9 @@ class Recorder(Follower):
         self.directory = Path(
             self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}"
         )
+        if self.directory.exists() and not any(self.directory.glob("*.mcap*")):
+            what = f"output directory {self.directory}: exists already, and is no bag"
+            raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
         self.checkpoints: list[int] = []
         self._recording_publisher = self.announce(ros_topics.RECORDING)
