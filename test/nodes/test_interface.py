@@ -51,7 +51,7 @@ ROBOT = {
     "_progress": ("diagnostic_msgs/msg/DiagnosticStatus", True),
     "tables": ("std_msgs/msg/UInt8MultiArray", True),
 }
-"""Type of every topic, and whether it is kept for late readers: by the design, not from the code."""
+"""Type of every topic, and whether it is kept for late readers, by the design."""
 
 TOPICS = TEAM | {f"{name}/{topic}": of for name in NAMES for topic, of in ROBOT.items()}
 
