@@ -92,9 +92,7 @@ class Bench:
 
         A new run is patient: on a busy machine no question fails, and no robot is left out.
         """
-        values = {"scenario": "env1", **values}
-        if not values.get("resume"):
-            values = {**PATIENT, **values}
+        values = {"scenario": "env1", **PATIENT, **values}
         context = self.place()[0]
         return self.add(
             WorldSimulator(context=context, namespace=namespace, values=values)
