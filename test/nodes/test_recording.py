@@ -176,7 +176,7 @@ def test_tables_are_written_when_the_bag_holds_everything_before_them(recording)
         message = deserialize_message(data, ros_topics.LOCAL_STATE.type)
         node.hear(ros_topics.LOCAL_STATE.of(robot), message)
     node.tick()
-    assert node.told[-1] == Progress((0, 7), "first")
+    assert node.told[-1] == Progress((0, 7), "first", written=7)
     node.finish(interrupted=False)
     bag = open_bag(node.directory)
     written = [
