@@ -16,7 +16,6 @@ from sparse_coord_ros.cli.options import (
     Option,
     format_table,
     note,
-    refused_with,
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
@@ -27,11 +26,18 @@ from sparse_coord_ros.core.game.scenario import (
 )
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
-from sparse_coord_ros.core.runs.measures import ERRORS, EXACT, HEADINGS, Measures
+from sparse_coord_ros.core.runs.measures import (
+    ERRORS,
+    EXACT,
+    HEADINGS,
+    SPREAD,
+    Measures,
+)
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
+from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
@@ -54,17 +60,22 @@ OPTIONS = (
     Option(
         "--trials",
         TRIALS,
-        f"{TRIALS.help} (default: {TRIALS.default}; of several runs each is evaluated exactly "
-        "where that is possible)",
+        f"{TRIALS.help} (default: exact values where that is quick, else {TRIALS.default} trials)",
         {"default": None},
     ),
-    Option(
-        "--exact", bool, "compute exact values instead of trials (one or two robots)"
-    ),
     Option("--seed", SEED, "seed of the trials"),
+    Option(
+        "--spread",
+        bool,
+        "also show standard deviations over robots and trials, which the paper gives",
+    ),
     ALLOW,
     JSON,
 )
+
+
+RESULT = ("returns", "asks", "miscoordinations", "arrived", "time_to_goal")
+"""The measures in `summary.yaml`, the most important one first."""
 
 
 class Evaluated(NamedTuple):
@@ -77,32 +88,26 @@ class Evaluated(NamedTuple):
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    if options.exact:
-        refused_with(options, "--exact", ("trials", "seed"))
-    trials = options.trials or TRIALS.default
-    several = len(options.directories) > 1
-    exact = (
-        True if options.exact else None if several and options.trials is None else False
-    )
     found = [
-        evaluated(path, trials, options.seed, exact=exact)
-        for path in options.directories
+        evaluated(path, options.trials, options.seed) for path in options.directories
     ]
     facts = [facts_of(one) for one in found]
-    tables = [result_table(runs) for runs in by_game(found)]
-    tell(options, {"runs": facts} if several else facts[0], "\n\n".join(tables))
+    parts = [result_table(runs, spread=options.spread) for runs in by_game(found)]
+    if len(found) == 1:
+        [(_, run, measures)] = found
+        parts.append(verdict_on(run.scenario, run.rule, measures).text)
+        tell(options, facts[0], "\n".join(parts))
+    else:
+        tell(options, {"runs": facts}, "\n\n".join(parts))
 
 
-def evaluated(
-    directory: Path, trials: int, seed: int, *, exact: bool | None
-) -> Evaluated:
+def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
     """Evaluate one run.
 
     Args:
         directory: the run's directory.
-        trials: number of Monte-Carlo trials.
+        trials: number of Monte-Carlo trials; None: none where exact values are quick.
         seed: seed of the trials.
-        exact: whether to compute the measures exactly; None: if that is possible.
 
     Raises:
         SparseCoordError: the run does not exist, or cannot be evaluated in this way.
@@ -118,28 +123,19 @@ def evaluated(
                 raise RunError(f"{what} and has no tables yet; {remedy}")
             note(f"{what}, its tables are those of a checkpoint; {remedy}")
     tables = load_team(directory, run.scenario, run.rule)
-    return Evaluated(
-        directory, run, evaluation_of(run, tables, trials, seed, exact=exact)
-    )
+    return Evaluated(directory, run, evaluation_of(run, tables, trials, seed))
 
 
 def evaluation_of(
-    run: RunConfig,
-    tables: Sequence[Tables],
-    trials: int,
-    seed: int,
-    *,
-    exact: bool | None,
+    run: RunConfig, tables: Sequence[Tables], trials: int | None, seed: int = 0
 ) -> Measures:
     """Evaluate tables that fit their run; arguments as in `evaluated`."""
-    how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
-    from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
+    from sparse_coord_ros.core.solve.exact import evaluate_best
 
-    if exact:
-        return evaluate_exact(run.scenario, tables, learner=run.rule)
+    how: dict[str, Any] = {"trials": trials or TRIALS.default, "seed": seed}
     with Bar("trials", "evaluating the learned tables") as bar:
-        how["progress"] = bar.show
-        if exact is None:
+        how |= {"learner": run.rule, "progress": bar.show}
+        if trials is None:
             return evaluate_best(run.scenario, tables, **how)
         return play(run.scenario, tables, **how)
 
@@ -170,6 +166,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         "steps": scenario.steps,
         "peers_seen": scenario.peers_seen,
         **one.measures.to_dict(),
+        "verdict": verdict_on(scenario, one.run.rule, one.measures),
         "robots": one.measures.by_robot(),
         "paper": paper_row(one.run),
         "shortest_paths": shortest_paths(scenario).to_dict(),
@@ -181,10 +178,16 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
 
 
 def result_of(scenario: Scenario, measures: Measures) -> dict[str, Any]:
-    """Return what a team earns beside robots that ignore each other and the best known."""
+    """Return the result of a run for `summary.yaml`: its measures, and the reference values."""
     asking = shipped.shipped_asking_team(scenario)
+    means: dict[str, Any] = {}
+    for name in RESULT:
+        means[name] = measures.mean(name)
+        if measures.error(name) > 0.0:
+            means[f"{name}_error"] = measures.error(name)
     return {
-        **measures.to_dict(),
+        **means,
+        "source": measures.how,
         "shortest_paths": shortest_paths(scenario).mean("returns"),
         "best_asking_team": None if asking is None else asking.value,
         "optimum": shipped.known_optimum(scenario).value,
@@ -207,14 +210,21 @@ def paper_row(run: RunConfig) -> dict:
     return dict(row) if same and scenario.horizon == papers.horizon else {}
 
 
-def result_table(found: Sequence[Evaluated]) -> str:
+def result_table(found: Sequence[Evaluated], *, spread: bool = False) -> str:
     """Return the table of runs of one game: ours, the paper's, and the reference values.
 
     Directories distinguish the runs of one learner.
+
+    Args:
+        found: the runs.
+        spread: whether standard deviations have columns of their own.
     """
     scenario = found[0].run.scenario
     optimum = shipped.known_optimum(scenario).value
     head = [f"{scenario.name}, penalty {scenario.penalty:g}", *HEADINGS.values()]
+    head.append("source")
+    if spread:
+        head += [f"s.d. of {HEADINGS[name]}" for name in SPREAD]
     rows = []
     titles = [run.title for _, run, _ in found]
     papers: dict[str, dict] = {}
@@ -222,25 +232,23 @@ def result_table(found: Sequence[Evaluated]) -> str:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
-        rows.append([named, *measures.cells(optimum=optimum, spread=True).values()])
+        rows.append([named, *measures.cells(optimum=optimum).values()])
+        rows[-1] += measures.spreads()
     for title, paper in papers.items():
         if paper:
-            pairs = (paper.get(name) for name in HEADINGS)
-            cells = [
-                "-" if pair is None else "{:.2f} ± {:.2f}".format(*pair)
-                for pair in pairs
-            ]
-            rows.append([title, *cells, "paper"])
-    paths = shortest_paths(scenario).cells(spread=True)
-    rows.append(["fixed shortest paths", *paths.values()])
+            pairs = [paper.get(name) for name in HEADINGS]
+            means = ["-" if pair is None else f"{pair[0]:.2f}" for pair in pairs]
+            spreads = ["-" if pair is None else f"{pair[1]:.2f}" for pair in pairs]
+            rows.append([title, *means, "paper", *spreads[: len(SPREAD)]])
+    paths = shortest_paths(scenario)
+    rows.append(["fixed shortest paths", *paths.cells().values(), *paths.spreads()])
     team = shipped.shipped_best_team(scenario)
     for name, value in shipped.yardsticks(scenario):
         cell = f"{value:.2f}"
         source = EXACT
         if team is not None and name == shipped.LEARNED_TEAM:
-            cell = f"{cell} ({team.standard_error:.2f})"
+            cell = f"{cell} ± {team.standard_error:.2f}"
             source = f"{team.trials} trials"
-        rows.append([name, cell, "-", "-", "-", "-", source])
-    table = format_table([*head, "source"], rows)
-    sampled = any(row[-1].endswith(" trials") for row in rows)
-    return f"{table}\n{ERRORS}" if sampled else table
+        rows.append([name, cell, *["-"] * 4, source, *["-"] * len(SPREAD)])
+    table = format_table(head, [row[: len(head)] for row in rows])
+    return f"{table}\n{ERRORS}" if "±" in table else table

@@ -97,6 +97,7 @@ def one_by_one(
                 return None
             options.scenario = wish["scenario"]
             options.penalty = wish["penalty"]
+            options.start = options.goal = []
             options.out = options.resume = None
             out, team = begin(options)
 

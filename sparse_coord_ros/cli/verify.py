@@ -5,12 +5,13 @@
 import argparse
 from collections.abc import Iterator
 
+from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, tell
 
 UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
-    "map, markers, coordination maps, clock, status, scene, diagnostics, service events and other "
+    "map, markers, coordination maps, clock, status, diagnostics and other "
     "topics; wall-clock stamps; the order of messages of different topics (all: docs/log.md)"
 )
 
@@ -24,12 +25,13 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0: identical, 1: differs, 3: undecided."""
     from sparse_coord_ros.log.runlog import verify
 
-    found = verify(options.bag)
+    with Bar("time steps", "reading the bag", quiet=options.json) as bar:
+        found = verify(options.bag, bar.show)
     log = found.log
     facts = {name: value for name, value in vars(found).items() if name != "log"}
-    facts["bag"] = log.bag.path
+    facts["bag"] = log.path
     facts["identical"] = found.same
-    facts["segments"] = log.messages.segments
+    facts["segments"] = log.segments
     facts["damage"] = log.damage
     tell(options, facts, *_account(found), *_answer(found))
     if found.undecided is not None:
@@ -40,7 +42,7 @@ def execute(options: argparse.Namespace) -> int:
 def _account(found) -> Iterator[str]:
     """Yield the lines on the run, the amount of computation, and the notes."""
     log = found.log
-    yield str(log.bag.path)
+    yield str(log.path)
     if log.damage is not None:
         yield log.damage
     learner = f"{log.run.learner}, greedy" if log.run.greedy else log.run.learner
@@ -56,9 +58,9 @@ def _account(found) -> Iterator[str]:
         yield f"{name}: {count}"
     if log.run.bodies:
         yield "the robots have bodies: the result of each move is taken from the log"
-    for file, step in zip(log.bag.files, log.messages.segments, strict=True):
-        if step >= 0:
-            yield f"{file.path.name}: goes on from the checkpoint of time step {step}"
+    for number, (file, step) in enumerate(zip(log.files, log.segments, strict=True)):
+        if number and step:
+            yield f"{file}: goes on from the checkpoint of time step {step}"
 
 
 def _answer(found) -> Iterator[str]:

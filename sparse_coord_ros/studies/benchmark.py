@@ -4,6 +4,7 @@
 
 A scenario's gap lies between robots on fixed shortest paths, which ignore each other, and its top:
 of two robots the best asking team found, which is no upper bound, of more a shipped upper bound.
+Of a scenario file that is none of these an upper bound is computed.
 Where percepts fail the top is that of sure percepts.
 """
 
@@ -14,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError, check_argument
+from sparse_coord_ros.base.progress import Show
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
 from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
 from sparse_coord_ros.core.runs.measures import standard_error
-from sparse_coord_ros.core.solve.shipped import known_top
+from sparse_coord_ros.core.solve.shipped import known_optimum, known_top
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.lists import (
@@ -30,7 +32,7 @@ from sparse_coord_ros.studies.lists import (
     Item,
     items_of,
 )
-from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment
+from sparse_coord_ros.studies.runner import run_experiment
 
 TEAM_RUNS = Setting(
     "runs", int, 10, "teams that learn in each scenario", low=2, high=1_000_000
@@ -63,7 +65,7 @@ def benchmark(
     engine: str = "auto",
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
-    progress: Progress = no_progress,
+    progress: Show = True,
     **settings: object,
 ) -> list[dict[str, Any]]:
     """Judge learners on fixed lists of scenarios, at a penalty of -100.
@@ -72,7 +74,7 @@ def benchmark(
         learners: a learner, or several.
         lists: names of lists (`studies.lists.LISTS`): paper, percepts, and generated buildings:
             "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
-            with "validation", and with "unseen2" for closing figures.
+            with "validation", and with "unseen2" for closing figures; or scenario files.
         steps: learning steps of each robot.
         out: results directory, as of `run_experiment`; None: nothing is saved.
         runs: teams that learn in each scenario.
@@ -81,7 +83,8 @@ def benchmark(
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
-        progress: called with a condition's id, the agent-steps done and those of its list.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called with a condition's id, the agent-steps done and those of its list.
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Returns:
@@ -143,18 +146,21 @@ def benchmark(
 def _conditions(
     learner: str, items: Sequence[Item], settings: dict[str, object]
 ) -> list[Condition]:
-    """Return a condition for each scenario; none: the learner cannot learn all of them."""
+    """Return a condition for each scenario; none: the learner cannot learn all of them.
+
+    Raises:
+        SettingError: a setting to change is bad, or does not fit.
+    """
+    games = [(one.scenario, {**one.settings, "penalty": PENALTY}) for one in items]
     try:
-        return [
-            make_condition(
-                item.scenario,
-                learner,
-                {**settings, **item.settings, "penalty": PENALTY},
-            )
-            for item in items
-        ]
+        for scenario, game in games:
+            make_condition(scenario, learner, game)
     except SettingError:
         return []
+    return [
+        make_condition(scenario, learner, {**settings, **game})
+        for scenario, game in games
+    ]
 
 
 def standing(
@@ -190,10 +196,10 @@ def standing(
 
 
 def _top(result: ConditionResult) -> float:
-    """Return where the gap of a scenario ends."""
-    top = known_top(result.scenario.with_settings({"perception": "always"}))
-    assert top is not None  # shipped for every scenario of the lists
-    return top
+    """Return where the gap of a scenario ends; of a scenario file an upper bound is computed."""
+    sure = result.scenario.with_settings({"perception": "always"})
+    top = known_top(sure)
+    return known_optimum(sure).value if top is None else top
 
 
 def pooled_share(

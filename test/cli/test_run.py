@@ -120,5 +120,5 @@ def test_the_page_chooses_the_next_team(monkeypatch):
         return 7 * (team == 2)
 
     assert page.one_by_one(options, begin, play) == 7
-    assert begun == [(None, None, "a", "a"), ("isr", -3.0, None, None)]
+    assert begun == [(None, None, "a", "a"), ("isr", -3.0, None, None, [], [])]
     assert played == [("out1", 1), ("out2", 2)]

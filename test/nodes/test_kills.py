@@ -31,7 +31,7 @@ IN = {
         "6",
     ),
     "its order": ("sparse_coord_ros.ros.nodes.restart:Restart._begin", "2"),
-    "its obedience": (f"{ROBOT}:Member._begin", "2"),
+    "its obedience": (f"{ROBOT}:RobotNode._begin_attempt", "2"),
 }
 """Where a node dies: in which call of which function."""
 
@@ -61,7 +61,7 @@ def again(team, *names):
     """Kill nodes, and start them again."""
     team.kill(names)
     for name in names:
-        team.start(name, resume=True)
+        team.start(name)
 
 
 def replace_the_dead(team, name):

@@ -45,7 +45,10 @@ def last_step(bag):
     """Return the last time step in a bag; 0 without one."""
     if not any(bag.glob("*.mcap*")):
         return 0
-    times = (message.log_time_ns for message in open_bag(bag).messages(["/clock"]))
+    times = (
+        message.log_time_ns
+        for message in open_bag(bag).messages(["/robot_1/local_state"])
+    )
     return max(times, default=0) // PERIOD_NS
 
 
@@ -215,7 +218,7 @@ def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
     with closing(BagWriter(tmp_path / "bag")) as writer:
         write_run(writer, run)
     bench.world(recorded=True)
-    bench.recorder(tmp_path / "bag", resume=True)
+    bench.recorder(tmp_path / "bag")
     with pytest.raises(RunError, match=str(tmp_path / "bag")):
         bench.spin_until(lambda: False)
 

@@ -15,8 +15,7 @@ from sparse_coord_ros.log.bags import Bag, BagTopic, Message, QoS, open_bag, typ
 from sparse_coord_ros.log.bags.schemas import ros_name
 from sparse_coord_ros.log.bags.topics import latched
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
+from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM, SECOND
 from sparse_coord_ros.ros.nodes import ros_topics
 
 ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
@@ -112,6 +111,8 @@ def class_of(topic: BagTopic) -> type:
         ValueError: the type is not installed, or another version of it is.
     """
     name = ros_name(topic.type_name, topic.name)
+    if topic.encoding != "cdr":
+        raise ValueError(f"its messages are {topic.encoding}, not cdr")
     try:
         found: type = ros_topics.message_class(name)
     except (ImportError, AttributeError, ValueError):

@@ -1,12 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder node: every topic of the team and the service events, as CDR, into a bag."""
+"""The recorder node: the topics of the team, as CDR, into a bag."""
 
 import contextlib
 import math
 import shutil
 import struct
 import time
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -17,17 +18,16 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
-from sparse_coord_ros.core.runs.run_config import RUN_RECORD, RunConfig
+from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RUN_RECORD, RunConfig
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.reader import Bag, continued
-from sparse_coord_ros.log.runlog.bag_run import find_run
-from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
+from sparse_coord_ros.log.runlog.reading import read_run
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
-from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.protocol.wire.messages import STAMPED
+from sparse_coord_ros.protocol.wire.messages import SECOND, STAMPED
 from sparse_coord_ros.protocol.wire.status import (
+    LEFT,
     NO_ATTEMPT,
     Order,
     Progress,
@@ -37,7 +37,7 @@ from sparse_coord_ros.protocol.wire.status import (
 from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.messages import messages_of, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
@@ -49,8 +49,8 @@ TALK_SECONDS = 20.0
 """After the run's end, how long a node that continues to publish keeps the bag open."""
 KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
-LAG_STEPS = 1000
-"""How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
+LAG_STEPS = ros_topics.RECORDED_DEPTH
+"""How far one topic may be ahead of all others: they arrive in bursts."""
 
 
 class RobotTables(NamedTuple):
@@ -65,8 +65,7 @@ class Recording:
     """A recorder's part in one run: its bag, and the time at which messages are logged.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
-    the bag's time line is the world's, however fast the run went. (The service events have the
-    times of the wall clock.)
+    the bag's time line is the world's, however fast the run went.
 
     Args:
         node: the recorder, which follows the run.
@@ -75,7 +74,7 @@ class Recording:
 
     Attributes:
         run, bag: as above.
-        convert: between the run's time steps and ROS time.
+        messages: the run's messages.
         now_ns: the newest stamp seen.
         said_ns: the newest time in the world's status.
         heard: the time of the last message, by `time.monotonic`.
@@ -92,12 +91,12 @@ class Recording:
         self.run = run
         self.bag = bag
         self._report = node.reporter("bag")
-        self.convert = Converter(run)
+        self.messages = messages_of(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
         self.attempt = NO_ATTEMPT
         self.final: set[str] = set()
-        self._near_ns = LAG_STEPS * self.convert.period
+        self._near_ns = LAG_STEPS * self.messages.period
         self._count = self._steps = 0
         self._order = Order()
         self._said = wire.RunState.WAITING.value
@@ -106,6 +105,7 @@ class Recording:
         self._open = False
         self._late = False  # a message of the attempt before has come
         self._quiet_since = -math.inf
+        self._newest_ns: dict[int, int] = {}  # by channel
         self._state_ns: dict[str, int] = {}  # of each robot's newest local state
         self._tables: list[RobotTables] = []  # they wait
         # The robots whose tables are in the segment, by the tables' time step.
@@ -136,12 +136,13 @@ class Recording:
             bag.begin_file()
         self.attempt = self._order.attempt
         step = self._order.checkpoint
-        self.now_ns = self.said_ns = step * self.convert.period
+        self.now_ns = self.said_ns = step * self.messages.period
         bag.add_metadata(RUN_RECORD, self.run.record())
         channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
         message = serialize_message(String(data=self.run.to_yaml()))
         bag.write(channel, message, self.now_ns, self.now_ns)
         self._open = True
+        self._newest_ns.clear()
         self._state_ns.clear()
         self._written.clear()
         before = [one for one in self._node.checkpoints if one < step]
@@ -150,7 +151,6 @@ class Recording:
         self._tables = [one for one in self._tables if one.said.attempt == attempt]
         self._write_tables()
         self.flush()
-        self._node.say_progress(self.attempt)
 
     def hear_tables(self, robot: str, heard: tuple[SavedTables, bytes]) -> None:
         """Keep a robot's tables until they are due."""
@@ -176,7 +176,7 @@ class Recording:
         waiting: list[RobotTables] = []
         for one in self._tables:
             said = one.said
-            complete = said.step * self.convert.period <= heard_ns
+            complete = said.step * self.messages.period <= heard_ns
             begins = said.occasion == wire.Occasion.BEGIN
             # those of another attempt belong to an order that has not come yet
             there = said.attempt == self.attempt and (complete or begins or ending)
@@ -201,7 +201,7 @@ class Recording:
         robots.add(one.robot)
         topic = ros_topics.TABLES
         channel = self._channel(topic, topic.of(one.robot))
-        at = step * self.convert.period
+        at = step * self.messages.period
         self.bag.write(channel, one.data, at, at)
 
     def _note_checkpoints(self) -> None:
@@ -233,6 +233,8 @@ class Recording:
         self._steps = 0
         self._flushed = time.monotonic()
         self.bag.flush()
+        if self._open:
+            self._node.say_progress(self.attempt)
         # the directory is gone: the bag's own error says so
         with contextlib.suppress(OSError):
             free = shutil.disk_usage(self._node.directory).free >> 20
@@ -242,6 +244,13 @@ class Recording:
                     f"{KEPT_FREE} are kept for what the team saves; make room"
                 )
 
+    @property
+    def written(self) -> int:
+        """The time step up to which the bag holds everything, as of the last flush."""
+        states = [self._state_ns.get(name, 0) for name in self.run.scenario.names]
+        first = self._order.checkpoint
+        return max(first, min(states) // self.messages.period)
+
     # Its sources.
 
     def listen(self) -> None:
@@ -249,9 +258,8 @@ class Recording:
         node = self._node
         of_team, of_robot = map(ros_topics.recorded, (TEAM, ROBOT))
         for topic in of_team:
-            if topic is ros_topics.CLOCK:
-                topic = ros_topics.clock_of(self.run)
-            if topic is not ros_topics.RUN:
+            clock = topic is ros_topics.CLOCK and self.run.clock != OWN_CLOCK
+            if topic is not ros_topics.RUN and not clock:
                 self._record(topic, "")
         for robot in self.run.scenario.robots:
             for topic in of_robot:
@@ -260,7 +268,9 @@ class Recording:
             hear = partial(self.hear_tables, robot.name)
             tables = ros_topics.TABLES
             qos = ros_topics.recorder_qos(tables)
-            node.subscriber.listen(tables, hear, robot.name, unpack=read_bytes, qos=qos)
+            node.subscriber.listen_packed(
+                tables, lambda data: (read_bytes(data),), hear, robot.name, qos=qos
+            )
             begun = partial(self._on_progress, robot.name)
             node.subscriber.listen(
                 ros_topics.PROGRESS, begun, robot.name, read=read_progress
@@ -284,6 +294,7 @@ class Recording:
         unpack_stamp = STAMPED.unpack_from
         each_step = topic.delivery == wire.Delivery.STEP
         is_state = topic is ros_topics.LOCAL_STATE
+        newest_ns = self._newest_ns
         state_ns = self._state_ns
 
         def stamped(data: bytes) -> None:
@@ -297,8 +308,11 @@ class Recording:
                 node.subscriber.drop(name, error)
                 return
             at = sec * SECOND + nanosec
+            if each_step and at < newest_ns.get(channel, 0):
+                return  # a publisher that lost sight of this recorder sends what it keeps
             if not 0 <= at <= self.now_ns:
                 at = self._later(at, name)
+            newest_ns[channel] = at
             if is_state:
                 state_ns[owner] = at
             write_down(channel, data, at, at)
@@ -312,21 +326,28 @@ class Recording:
         if node.direct is not None and topic.packed:
             node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            shared = topic.name == ros_topics.DIAGNOSTICS.name
+            if topic is ros_topics.DIAGNOSTICS:
+                write = partial(self._write_ours, write)
             qos = ros_topics.recorder_qos(topic)
-            unpack = self._of_this_namespace if shared else bytes
-            node.subscriber.listen(
-                topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
+            if node.direct is None and each_step:
+                qos = ros_topics.kept_qos(topic)
+            node.subscriber.listen_packed(
+                topic, lambda data: (data,), write, owner, qos=qos
             )
 
-    def _of_this_namespace(self, data: bytes) -> bytes:
-        """Return the diagnostics of nodes in this node's namespace; b"": there are none."""
+    def _write_ours(self, write: Callable[[bytes], None], data: bytes) -> None:
+        """Write diagnostics that are of nodes in this node's namespace."""
+        if self._of_this_namespace(data):
+            write(data)
+
+    def _of_this_namespace(self, data: bytes) -> bool:
+        """Return whether diagnostics are of nodes in this node's namespace."""
         space = self._node.get_namespace().strip("/")
         names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
         spaces = {
             name.partition(":")[0].strip("/").rpartition("/")[0] for name in names
         }
-        return data if space in spaces else b""
+        return space in spaces
 
     # The methods of a follower of a run.
 
@@ -338,7 +359,7 @@ class Recording:
             self._open = False
             if self.attempt != NO_ATTEMPT:
                 self._quiet_since = time.monotonic()
-        sec, nanosec = self.convert.stamp(said.step)
+        sec, nanosec = self.messages.stamp(said.step)
         self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
@@ -404,7 +425,7 @@ def read_bytes(data: bytes) -> tuple[SavedTables, bytes]:
 
 
 class Recorder(Follower):
-    """Records every topic of the team and the service events, unchanged.
+    """Records the topics of the team, unchanged.
 
     A killed recorder loses what it heard since it last flushed.
 
@@ -433,8 +454,8 @@ class Recorder(Follower):
         self.directory = Path(
             self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}"
         )
-        if self.directory.exists() and not self.values["resume"]:
-            what = f"output directory {self.directory}: exists already, nothing is overwritten"
+        if self.directory.exists() and not any(self.directory.glob("*.mcap*")):
+            what = f"output directory {self.directory}: exists already, and is no bag"
             raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
         self.checkpoints: list[int] = []
@@ -457,7 +478,7 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
-            self.say_progress(self.found.attempt)  # nobody waits for it
+            self.say_progress(self.found.attempt, LEFT)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
@@ -472,25 +493,28 @@ class Recorder(Follower):
         """
         self._progress = self.announce(ros_topics.PROGRESS, RECORDER)
         self._known = self.found.attempt if run.recorded else NO_ATTEMPT
-        if self.values["resume"]:
-            self._earlier = continued(self.directory)
+        self._earlier = continued(self.directory)
         if self._earlier is not None:
-            found = find_run(self._earlier)
-            if found.run.id != run.id:
+            log = read_run(self.directory)
+            if log.run.id != run.id:
                 remedy = "choose another one for parameter 'out'"
                 raise RunError(
                     f"{self.directory}: holds the recording of another run; {remedy}"
                 )
-            self.checkpoints = checkpoints_in(self._earlier, *found)
+            # before these the bag holds everything
+            known = [set(steps) for steps in log.table_steps() if steps]
+            self.checkpoints = sorted(set.intersection(*known)) if known else []
         self.say_progress(NO_ATTEMPT)
 
     def go_on(self, now: float) -> None:
         """Say that the recorder waits for the world's order."""
         self.remind(self.reminder, "the world to say where the run begins")
 
-    def say_progress(self, attempt: str) -> None:
-        """Tell the world the steps before which the bag holds everything, and the attempt."""
-        said = Progress(tuple(self.checkpoints), attempt)
+    def say_progress(self, attempt: str, written: int | None = None) -> None:
+        """Tell the world the checkpoints in the bag, the attempt, and how far it is written."""
+        if written is None:
+            written = 0 if self.recording is None else self.recording.written
+        said = Progress(tuple(self.checkpoints), attempt, written)
         self._progress.publish(status(RECORDER, "progress", said.values()))
 
     def world_said(self, said: RunStatus) -> None:
@@ -524,6 +548,7 @@ class Recorder(Follower):
         if self.recording is None or self.error is not None or self.failure is not None:
             return
         bag = self.recording.bag
+        self.say_progress(self.recording.attempt, LEFT)
         try:
             self.recording.end()
             bag.close()

@@ -21,11 +21,10 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.log.runlog.growing import Episodes
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.window import Episodes
-from sparse_coord_ros.protocol.wire import PerceptEnd
-from sparse_coord_ros.protocol.wire.frame import Frame
-from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
+from sparse_coord_ros.protocol.wire import COORDINATION_MAP, PerceptEnd
+from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
@@ -76,7 +75,7 @@ class KeySteps:
         ]
         self._run = run
         self._near = near_doorways(run.scenario.map)
-        self._places = OccupancyData(Frame(run)).places
+        self._places = Messages(run).places
 
     def add(self, part: Episodes) -> None:
         """Take in a part of the log."""
@@ -116,7 +115,7 @@ class KeySteps:
     def _add_policy_changes(self, log: RunLog) -> None:
         """Take in since when each robot would ask elsewhere than before."""
         for k, known in enumerate(self.changes):
-            steps, rows = log.messages.coordination_maps[k]
+            steps, rows = log.series[COORDINATION_MAP, k]
             here = np.isin(steps, log.step)
             for step, data in zip(
                 steps[here].tolist(), rows["data"][here], strict=True

@@ -269,7 +269,7 @@ def evaluation_fields(
         "step": step,
         "learner": run.title,
         **measures.to_dict(),
-        "cells": measures.cells(optimum=optimum, spread=True),
+        "cells": measures.cells(optimum=optimum),
         "failing": failing_in_words(measures),
         "askers": _askers(run, tables),
         "verdict": verdict_on(scenario, run.rule, measures).text
