@@ -11,7 +11,7 @@ from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, tell
 UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
-    "map, markers, coordination maps, clock, status, scene, diagnostics, service events and other "
+    "map, markers, coordination maps, clock, status, diagnostics and other "
     "topics; wall-clock stamps; the order of messages of different topics (all: docs/log.md)"
 )
 

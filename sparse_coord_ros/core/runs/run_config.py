@@ -120,7 +120,7 @@ class RunConfig:
         False, "act on learned tables, without exploring or learning"
     )
     clock: str = setting(
-        OWN_CLOCK,
+        NO_CLOCK,
         "own: the world publishes /clock, step t at t * 0.1 s; none: it does not",
         choices=(OWN_CLOCK, NO_CLOCK),
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.log.bags.reader import Message
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 
 BURST = 100
 """Most messages of one call of `play`, so that the caller can do other work in between."""

@@ -14,7 +14,6 @@ from sparse_coord_ros.core.learners.mind import Memory, memory_before
 from sparse_coord_ros.core.learners.rules import greedy
 from sparse_coord_ros.core.learners.voi import Voi, by_policy
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.log.runlog.dialogue import Request
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.percepts import percept_end
 from sparse_coord_ros.log.runlog.replay import (
@@ -74,7 +73,6 @@ class Coordination(NamedTuple):
         robot: the robot's number.
         cell: the robot's cell.
         peers: the peers to ask.
-        requests: its requests, in order, with the answers and the wall clock.
         outcome: the end of the percept, in the words of `wire.PerceptEnd`.
         perceived: the cells that it perceived; None: the percept failed.
         move: the primitive action after COORDINATE.
@@ -90,7 +88,6 @@ class Coordination(NamedTuple):
     robot: int
     cell: int
     peers: tuple[int, ...]
-    requests: tuple[Request, ...]
     outcome: str
     perceived: tuple[int, ...] | None
     move: int
@@ -159,13 +156,12 @@ def _logged(
     """Return a COORDINATE as logged, without values and update."""
     step = int(trajectory.step[place])
     row = trajectory.row[place]
-    asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
     where = int(trajectory.cell[place])
     peers = tuple(trajectory.peers[place].tolist())
     end = percept_end(log.ended[row, robot])
     perceived = trajectory.perceived_at(place)
     move = int(log.move[row, robot])
-    return Coordination(step, robot, where, peers, asked, end, perceived, move)
+    return Coordination(step, robot, where, peers, end, perceived, move)
 
 
 def _replayed(
@@ -382,11 +378,8 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
 
 def _question(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of the question, and of the percept that came of it."""
-    if not one.requests:
-        peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
-        yield f"  was to ask {peers}; no request is in the log"
-    for request in one.requests:
-        yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
+    peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
+    yield f"  asks {peers}"
     if one.perceived is None:
         yield f"  perceives nothing ({one.outcome})"
     else:
@@ -409,27 +402,6 @@ def _move(log: RunLog, one: Coordination) -> Iterator[str]:
             yield "  (the log says another action; see 'sparse_coord verify')"
     else:
         yield f"  {move}" + ("" if one.doubt is None else f"; {one.doubt}")
-
-
-def _answer(log: RunLog, one: Coordination, request: Request) -> str:
-    if request.answer is None:
-        return "no answer is in the log"
-    step, position = request.answer
-    if step != one.step:
-        said = (
-            "not there yet (at" if step < one.step else "has gone on (to"
-        ) + f" time step {step})"
-    elif position is None:
-        said = "refused"
-    elif (cell := log.frame.cell(*position)) is None:
-        said = f"answers {position}, which is no free cell"
-    else:
-        said = f"answers {cell_in_words(log.run, cell)}"
-    return (
-        said
-        if request.seconds is None
-        else f"{said}, after {request.seconds * 1e3:.3f} ms"
-    )
 
 
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:

@@ -27,8 +27,7 @@ from sparse_coord_ros.log.runlog.run_messages import (
     read_messages,
 )
 from sparse_coord_ros.protocol.wire import ACTION, PERCEPT, REWARD
-from sparse_coord_ros.protocol.wire.frame import MOVE_OF, Frame
-from sparse_coord_ros.protocol.wire.messages import action_from
+from sparse_coord_ros.protocol.wire.messages import MOVE_OF, Messages, action_from
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +61,6 @@ class RunLog:
             float64.
         tables: by (robot's number, time step); of several of a time step the last.
         all_tables: all recorded tables, in the order of the log.
-        requests: the dialogue, in the order of time steps.
         messages: the given messages, with their problems.
         frame: converts the run's time steps and metres.
     """
@@ -72,9 +70,8 @@ class RunLog:
         self.bag = messages.bag
         self.run = messages.run
         self.names = messages.names
-        self.frame = Frame(self.run)
+        self.frame = Messages(self.run)
         self.all_tables = tuple(messages.tables)
-        self.requests = tuple(messages.requests)
         self.step = self._recorded_steps()
         self.episode = np.cumsum(np.diff(self.step, prepend=self.step[:1]) > 1)
         self.position = self._filled(messages.states, "xy", 2)
@@ -224,8 +221,7 @@ class RunLog:
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray)
         }
-        requests = tuple(one for one in self.requests if first <= one.step <= last)
-        return self.with_changes(**arrays, requests=requests)
+        return self.with_changes(**arrays)
 
     def with_changes(self, **changes: object) -> "RunLog":
         """Return the same log with some attributes changed."""
@@ -322,7 +318,7 @@ class RunLog:
         return np.unique(self.episode[np.concatenate([lost, lost + 1])])
 
 
-def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
+def cell_numbers(frame: Messages, places: np.ndarray) -> np.ndarray:
     """Return the cells of positions.
 
     Args:

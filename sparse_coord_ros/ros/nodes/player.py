@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.log.bags.playback import Playback
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.protocol.wire import services
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.ros.nodes.player_topics import PlayedTopics

@@ -34,7 +34,6 @@ from sparse_coord_ros.log.runlog.explain import (
     in_words,
 )
 from sparse_coord_ros.log.runlog.window import LongLog
-from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
 from sparse_coord_ros.show.page.controls import (
@@ -421,7 +420,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert line.startswith(f"robot_{k + 1} learned to ask there at about time step ")
     since = int(re.search(r"at about time step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.messages.coordination_maps[k]
-    place = OccupancyData(log.frame).places[log.cells[row, k]]
+    place = log.frame.places[log.cells[row, k]]
     asks = (
         np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
         == 100
