@@ -432,8 +432,8 @@ def ended_by(bench, monkeypatch, capfd):
             parameters: the node's, as `name:=value`.
         """
         words = [word for one in parameters for word in ("-p", one)]
-        words += ["-r", f"__node:={name}"]
-        monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *words])
+        named = ["-r", f"__node:={name}"]
+        monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *named, *words])
         observer = bench.observer()
 
         def signal_it():
