@@ -16,7 +16,6 @@ from sparse_coord_ros.cli.options import (
     Option,
     format_table,
     note,
-    refused_with,
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
@@ -32,6 +31,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
+from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
@@ -54,12 +54,9 @@ OPTIONS = (
     Option(
         "--trials",
         TRIALS,
-        f"{TRIALS.help} (default: {TRIALS.default}; of several runs each is evaluated exactly "
-        "where that is possible)",
+        f"{TRIALS.help} (default: exact values where they can be computed quickly, else "
+        f"{TRIALS.default} trials)",
         {"default": None},
-    ),
-    Option(
-        "--exact", bool, "compute exact values instead of trials (one or two robots)"
     ),
     Option("--seed", SEED, "seed of the trials"),
     ALLOW,
@@ -77,32 +74,26 @@ class Evaluated(NamedTuple):
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    if options.exact:
-        refused_with(options, "--exact", ("trials", "seed"))
-    trials = options.trials or TRIALS.default
-    several = len(options.directories) > 1
-    exact = (
-        True if options.exact else None if several and options.trials is None else False
-    )
     found = [
-        evaluated(path, trials, options.seed, exact=exact)
-        for path in options.directories
+        evaluated(path, options.trials, options.seed) for path in options.directories
     ]
     facts = [facts_of(one) for one in found]
-    tables = [result_table(runs) for runs in by_game(found)]
-    tell(options, {"runs": facts} if several else facts[0], "\n\n".join(tables))
+    parts = [result_table(runs) for runs in by_game(found)]
+    if len(found) == 1:
+        [(_, run, measures)] = found
+        parts.append(verdict_on(run.scenario, run.rule, measures).text)
+        tell(options, facts[0], "\n".join(parts))
+    else:
+        tell(options, {"runs": facts}, "\n\n".join(parts))
 
 
-def evaluated(
-    directory: Path, trials: int, seed: int, *, exact: bool | None
-) -> Evaluated:
+def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
     """Evaluate one run.
 
     Args:
         directory: the run's directory.
-        trials: number of Monte-Carlo trials.
+        trials: number of Monte-Carlo trials; None: none where exact values are quick.
         seed: seed of the trials.
-        exact: whether to compute the measures exactly; None: if that is possible.
 
     Raises:
         SparseCoordError: the run does not exist, or cannot be evaluated in this way.
@@ -118,28 +109,19 @@ def evaluated(
                 raise RunError(f"{what} and has no tables yet; {remedy}")
             note(f"{what}, its tables are those of a checkpoint; {remedy}")
     tables = load_team(directory, run.scenario, run.rule)
-    return Evaluated(
-        directory, run, evaluation_of(run, tables, trials, seed, exact=exact)
-    )
+    return Evaluated(directory, run, evaluation_of(run, tables, trials, seed))
 
 
 def evaluation_of(
-    run: RunConfig,
-    tables: Sequence[Tables],
-    trials: int,
-    seed: int,
-    *,
-    exact: bool | None,
+    run: RunConfig, tables: Sequence[Tables], trials: int | None, seed: int = 0
 ) -> Measures:
     """Evaluate tables that fit their run; arguments as in `evaluated`."""
-    how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
-    from sparse_coord_ros.core.solve.exact import evaluate_best, evaluate_exact
+    from sparse_coord_ros.core.solve.exact import evaluate_best
 
-    if exact:
-        return evaluate_exact(run.scenario, tables, learner=run.rule)
+    how: dict[str, Any] = {"trials": trials or TRIALS.default, "seed": seed}
     with Bar("trials", "evaluating the learned tables") as bar:
-        how["progress"] = bar.show
-        if exact is None:
+        how |= {"learner": run.rule, "progress": bar.show}
+        if trials is None:
             return evaluate_best(run.scenario, tables, **how)
         return play(run.scenario, tables, **how)
 
@@ -170,6 +152,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
         "steps": scenario.steps,
         "peers_seen": scenario.peers_seen,
         **one.measures.to_dict(),
+        "verdict": verdict_on(scenario, one.run.rule, one.measures),
         "robots": one.measures.by_robot(),
         "paper": paper_row(one.run),
         "shortest_paths": shortest_paths(scenario).to_dict(),

@@ -20,9 +20,6 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 if TYPE_CHECKING:
     from sparse_coord_ros.ros.nodes.spin import Stop
 
-VERDICT_TRIALS = 200
-"""Trials of the verdict, if it cannot be computed exactly."""
-
 EXAMPLE = (
     "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
 )
@@ -166,6 +163,6 @@ def _lines(
     if saved and summary.get("steps_per_second", 0) and not silent:
         run = load_run(out)
         tables = load_team(out, run.scenario, run.rule)
-        measures = evaluation_of(run, tables, VERDICT_TRIALS, 0, exact=None)
+        measures = evaluation_of(run, tables, None)
         add_result(out, result_of(run.scenario, measures))
         yield verdict_on(run.scenario, run.rule, measures).text

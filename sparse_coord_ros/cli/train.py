@@ -261,10 +261,7 @@ def _say(
     expected = advice(scenario)
     facts["advice"] = expected
     if trials != 0:
-        exact = None if trials is None else False
-        measures = evaluation_of(
-            run, done.tables, trials or TRIALS.default, 0, exact=exact
-        )
+        measures = evaluation_of(run, done.tables, trials)
         word = verdict_on(scenario, run.rule, measures)
         optimum = known_optimum(scenario)
         facts |= {

@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, permutations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,8 @@ from sparse_coord_ros.core.game.interactions import (
     stops,
     together,
 )
-from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
@@ -73,6 +74,14 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
             end = PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
         found.append(Question(k, peers, PerceptEnd(end), action.move))
     return tuple(found)
+
+
+def learning_steps(step: Any, episode: Any) -> Any:
+    """Return the learning steps that were made before time steps of episodes, counted from 0.
+
+    A run has more time steps: those between two episodes.
+    """
+    return step - FIRST_STEP - EPISODE_GAP * episode
 
 
 def logged_step(log: RunLog, row: int) -> TeamTransition:

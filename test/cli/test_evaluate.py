@@ -50,7 +50,7 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
     said = said.format(**found)
     assert found["returns_error"] > 0
     assert said in sparse_coord("evaluate", "a", "--trials", 50)[1]
-    assert "s.e." not in sparse_coord("evaluate", "a", "--exact")[1]
+    assert "s.e." not in sparse_coord("evaluate", "a")[1]
 
 
 def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
@@ -119,13 +119,13 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
 
 def test_exact(sparse_coord, trained, folder):
     trained("env1")
-    code, out, err = sparse_coord("evaluate", "a", "--exact")
+    code, out, err = sparse_coord("evaluate", "a")
     assert (code, err) == (0, "")
     assert out.splitlines()[2].startswith("Coop. ") and "  exact\n" in out
     assert "trials" not in out
     assert "best asking team found    " in out
     assert "118.51" in out
-    data = json.loads(sparse_coord("evaluate", "a", "--exact", "--json")[1])
+    data = json.loads(sparse_coord("evaluate", "a", "--json")[1])
     scenario = load_scenario("env1").with_settings({"penalty": -100})
     found = evaluate_exact(scenario, tables_in(folder / "a"))
     assert data.items() >= found.to_dict().items()
@@ -155,7 +155,7 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     assert [one["source"] for one in runs] == ["exact", "exact", "trials"]
     assert (
         runs[1]["returns"]
-        == json.loads(sparse_coord("evaluate", "b", "--exact", "--json")[1])["returns"]
+        == json.loads(sparse_coord("evaluate", "b", "--json")[1])["returns"]
     )
     alike = sparse_coord("evaluate", "a", "b", "a")[1].splitlines()[2:5]
     named = [line.split("  ")[0] for line in alike]

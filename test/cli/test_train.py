@@ -305,16 +305,16 @@ def test_an_interrupt_while_numba_compiles(folder, number):
         assert "continue with" in said or not out.exists()
 
 
-@pytest.mark.parametrize(("scenario", "how"), [("env1", ("--exact",)), ("env2-4r", ())])
+@pytest.mark.parametrize("scenario", ["env1", "env2-4r"])
 def test_what_was_learned_is_computed_where_that_can_be(
-    sparse_coord, monkeypatch, scenario, how
+    sparse_coord, monkeypatch, scenario
 ):
-    for verb in (train_verb, evaluate_verb):
-        monkeypatch.setattr(verb, "TRIALS", replace(verb.TRIALS, default=30))
+    trials = replace(evaluate_verb.TRIALS, default=30)
+    monkeypatch.setattr(evaluate_verb, "TRIALS", trials)
     code, out, _ = sparse_coord("train", scenario, "--steps", 300, "--out", "a")
     source = "exact" if scenario == "env1" else "30 trials"
     assert (code, out.splitlines()[2].endswith(f"  {source}")) == (0, True)
-    assert (
-        out.splitlines()[:3] == sparse_coord("evaluate", "a", *how)[1].splitlines()[:3]
+    assert out.startswith(
+        "".join(sparse_coord("evaluate", "a")[1].rpartition("\nIn ")[0])
     )
     assert "some robot did not arrive." in out

@@ -31,7 +31,7 @@ WHY = "the robots' values and updates"
 
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),
-    "evaluate RUN --exact": (REFUSED, REFUSED),
+    "evaluate RUN --trials 5": (REFUSED, REFUSED),
     "drive RUN": (REFUSED, REFUSED),
     "run --resume UNFINISHED": (REFUSED, REFUSED),
     "train --resume UNFINISHED": (REFUSED, REFUSED),
@@ -40,9 +40,8 @@ VERBS = {
     "optimum SCENARIO": (None, NOTHING),
     "optimum SCENARIO --class": (None, REFUSED),
     "maps SCENARIO": (None, NOTHING),
-    "plot RUN --out OUT.png": (EPISODES, EPISODES),
-    "plot BAG --out OUT.png": (EPISODES, EPISODES),
-    "plot RUN --what asks --out OUT.png": (REFUSED, REFUSED),
+    "plot RUN --out OUT.png": (NOTHING, NOTHING),
+    "plot BAG --out OUT.png": (NOTHING, NOTHING),
     "plot RESULTS --out OUT.png": (THEIR_RESULT, None),
     "animate RUN --out OUT.gif": (NOTHING, NOTHING),
     "animate RUN --greedy --out OUT.gif": (REFUSED, REFUSED),

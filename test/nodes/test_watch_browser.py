@@ -200,7 +200,7 @@ def shown(tab):
                 "state": "learning",
                 "rate": 0,
                 "speed": None,
-                "transitions": step,
+                "made": step,
                 "episode": 0,
                 **QUIET,
                 **more,
@@ -247,6 +247,68 @@ def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_w
         tab.evaluate("document.getElementById('silence').textContent")
         == "No question shown so far."
     )
+
+
+KEEP = """
+window.kept = {};
+window.closed = false;
+const Real = WebSocket;
+window.WebSocket = class extends Real {
+  set onmessage(take) {
+    window.take = (message) => take({ data: JSON.stringify(message) });
+    super.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (window.closed) return;
+      window.kept[message.type] = message;
+      take(event);
+    };
+  }
+};
+"""
+"""Keeps the newest message of each type, and takes no more once it is closed."""
+
+ORDERS = """async () => {
+  window.closed = true;
+  const { run, ...others } = window.kept;
+  for (const type of ["hello", "pages", "done", "error", "said"]) delete others[type];
+  const types = Object.keys(others);
+  const shown = async (order) => {
+    for (const type of order) {
+      window.take(type === "run" ? run : others[type]);
+      await new Promise(requestAnimationFrame); // drawn after this picture
+    }
+    return document.querySelector("main").innerHTML;
+  };
+  const due = await shown(["run", ...types]);
+  const shares = document.querySelectorAll("#lanes .mark").length;
+  const wrong = [];
+  let tried = 0;
+  const orders = (left, taken) => left.length
+    ? left.flatMap((one) => orders(left.filter((other) => other !== one), [...taken, one]))
+    : [taken];
+  const needed = ["frame", "marks", "curves", "tables"];
+  const rest = types.filter((one) => !needed.includes(one));
+  for (const order of orders(needed, [])) {
+    tried += 1;
+    for (const one of [[...order, ...rest], [...rest, ...order]]) {
+      if ((await shown(["run", ...one])) !== due) wrong.push(one.join());
+    }
+  }
+  return [types.length, shares, tried, wrong.slice(0, 5)];
+}"""
+
+
+def test_the_page_is_the_same_in_whatever_order_messages_come(tab, start, bag):
+    """Marks that came before the first frame were never drawn."""
+    tab.add_init_script(KEEP)
+    process = start("cli.main", "watch", str(bag), "--port", "0")
+    visit(tab, address_of(process))
+    click(tab, "pause")
+    wait_for(tab, f"{STATE} === 'paused' && window.kept.evaluation")
+    wait_for(tab, "window.kept.curves.read === 1 && window.kept.learned")
+    types, marks, tried, wrong = tab.evaluate(ORDERS)
+    assert (types >= 7, marks >= 3, tried) == (True, True, 24)
+    assert wrong == []
 
 
 def test_what_cannot_be_done_after_the_end_is_disabled(tab, shown):
@@ -391,9 +453,9 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     wait_for(tab, f"{STATE} === 'acting greedily' && {STEP} > 2")
     wait_for(tab, "document.getElementById('speed').textContent === '2'")
     assert tab.evaluate(STEP) < 40, "it is a step of the episode"
-    assert tab.evaluate(
-        "document.getElementById('transitions').textContent"
-    ).startswith("60,000")
+    assert tab.evaluate("document.getElementById('step').textContent").startswith(
+        "60,000"
+    )
     played = "document.getElementById('asked-where').textContent"
     assert tab.evaluate(played) == "asked here in 200 greedy episodes"
     assert q_star_shown(tab) == due
@@ -539,9 +601,9 @@ def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     wait_for(
         tab, f"document.getElementById('episodes').textContent === '{history.episodes}'"
     )
-    assert tab.evaluate(
-        "document.getElementById('transitions').textContent"
-    ).startswith("9,000")
+    assert tab.evaluate("document.getElementById('step').textContent").startswith(
+        "9,000"
+    )
     tab.evaluate("document.getElementById('scenario').value = 'isr'")
     tab.evaluate("document.getElementById('penalty').value = '-5'")
     wait_for(tab, "!document.getElementById('start').disabled")

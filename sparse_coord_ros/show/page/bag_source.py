@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.base.errors import BagError, SparseCoordError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.runs.history import blank_history, concatenated
-from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.attached import RecordedTables
@@ -34,7 +34,12 @@ from sparse_coord_ros.show.page.key_steps import (
 )
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
-from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
+from sparse_coord_ros.show.steps import (
+    learning_steps,
+    logged_step,
+    logged_trails,
+    questions_of,
+)
 
 BAG_CONTROLS = (
     controls.PAUSE,
@@ -126,7 +131,6 @@ class BagSource(controls.Played):
         self._narrator = Narrator(self.run.scenario)
         self._key_steps = KeySteps(self.run)
         self.highlight: Highlight | None = None
-        self._failing = ""
         self._again = False
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
@@ -183,20 +187,16 @@ class BagSource(controls.Played):
         shown = self.highlight
         if shown is None:
             return
-        lines = [shown.text]
-        if shown.step is None:
-            best = shipped_asking_team(self.run.scenario)
-            if best is not None:
-                lines.append(
-                    f"The return of the best asking team found is {best.value:.2f} a robot."
-                )
-        elif read:
+        evaluation = self.board.get("evaluation")
+        question = shown.text
+        if evaluation is not None and not shown.matters:
+            question = ""
+        lines = [messages.headline(question, evaluation)]
+        if read and lines == [shown.text] and shown.matters:
             first, since = self._key_steps.since(shown.robot, shown.cell)
             name = self._narrator.names[shown.robot]
             lines.append(since_in_words(name, first, since))
-        messages.put_learned(
-            self.board, self._failing, lines, first=shown.first, step=shown.step
-        )
+        messages.put_learned(self.board, lines, first=shown.first, step=shown.step)
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, in a loop."""
@@ -331,10 +331,10 @@ class BagSource(controls.Played):
             return
         what = f"No {KIND_NAMES[kind]}"
         if kind != controls.CROSSING:
-            what = f"{what} after time step {step - 1:,}"
-        read = self._counts.read_to
-        if read < self.log.last_step:
-            what = f"{what}; the log is read to time step {read:,}"
+            what = f"{what} after this step"
+        read = self._counts.read_to / max(1, self.log.last_step)
+        if read < 1.0:
+            what = f"{what}; {percent(read, whole=True)} of the log are read so far"
         self._say(f"{what}.")
 
     def _say(self, text: str) -> None:
@@ -398,7 +398,8 @@ class BagSource(controls.Played):
             fields = messages.frame_fields(
                 logged_step(log, row), logged_trails(log, row), self._narrator
             )
-            self.board.put("frame", state=self.state, **around, **fields)
+            made = made_before(log, row)
+            self.board.put("frame", state=self.state, made=made, **around, **fields)
         self._tell(log, row)
         if self._new("asked", so_far.questions):
             self.board.put("asked", robots=so_far.asked.tolist(), where=ASKED_SO_FAR)
@@ -411,7 +412,7 @@ class BagSource(controls.Played):
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[
             -messages.MOST_ENTRIES :
         ]
-        since = int(log.step[0]) if log.step[0] > self.first else None
+        since = made_before(log, 0) if log.step[0] > self.first else None
         if not self._new(
             "dialogue", (log.step[asking[-1:]].tolist(), since, self._reasons_known)
         ):
@@ -430,7 +431,13 @@ class BagSource(controls.Played):
                 k: f": {explain.row_in_words(one.values)}" for k, one in reasons.items()
             }
             told += messages.in_words(
-                self.run, seen, known, self._narrator, rows, reasons
+                self.run,
+                seen,
+                known,
+                self._narrator,
+                rows,
+                reasons,
+                made_before(log, place),
             )
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
@@ -548,6 +555,8 @@ class BagSource(controls.Played):
     def _show_curves(self, read: float) -> None:
         """Show the learning curves of the share of the log that was `read`."""
         self.board.put("curves", read=read, **messages.curve_fields(self.history))
+        if self.growing:
+            messages.put_so_far(self.board, self.run, self.history)
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""
@@ -573,8 +582,12 @@ class BagSource(controls.Played):
                 "their value", lambda said: self.board.put("notice", text=said)
             ):
                 value = messages.evaluation_fields(self.run, tables, step)
-                self._failing = value["failing"]
                 self.board.put("evaluation", **value)
+
+
+def made_before(log: RunLog, row: int) -> int:
+    """Return the learning steps before a row of a log."""
+    return int(learning_steps(log.step[row], log.episode[row]))
 
 
 def since_in_words(name: str, first: int, since: int | None) -> str:
@@ -582,13 +595,11 @@ def since_in_words(name: str, first: int, since: int | None) -> str:
 
     Args:
         name: of the robot.
-        first: the time step of its first tables.
-        since: the time step since which its tables say so; None: the newest tables do not.
+        first: the learning step of its first tables.
+        since: the one since which its tables say so; None: the newest tables do not.
     """
     if since is None:
         return f"By its newest tables {name} would not ask there."
     if since == first:
         return f"By its tables {name} would have asked there from the start."
-    return (
-        f"{name} learned to ask there at about time step {float(f'{since:.3g}'):,.0f}."
-    )
+    return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."
