@@ -43,7 +43,7 @@ setup(
             glob("config/*.yaml")
             + [
                 "config/fastdds.xml",
-                "config/fastdds_one_host.xml",
+                "config/fastdds_localhost.xml",
                 "config/sros2_policy.xml",
             ]
             + [

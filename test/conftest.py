@@ -18,6 +18,7 @@ from sparse_coord_ros.base.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.plugins import ALLOW_VARIABLE
 from sparse_coord_ros.core.learners.registry import LEARNERS
+from sparse_coord_ros.ros.nodes.environment import use_udp
 
 settings.register_profile("tests", derandomize=True, max_examples=40, deadline=None)
 settings.load_profile("tests")
@@ -50,9 +51,8 @@ def ros_environment():
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": folder,
-            # A killed process would leave shared memory behind.
-            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
         }
+        use_udp(settings)
         before = {name: os.environ.get(name) for name in settings}
         os.environ.update(settings)
         yield

@@ -8,18 +8,17 @@ from collections import Counter, deque
 from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import NamedTuple
 
 from mcap.writer import CompressionType, Writer
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
-from std_msgs.msg import String
+from std_msgs.msg import String, UInt8MultiArray
 
-from sparse_coord_ros.base.version import FORMAT, __version__
+from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.memory import taught
-from sparse_coord_ros.core.runs.run_config import bag_files, make_run
+from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.metadata import (
@@ -28,12 +27,12 @@ from sparse_coord_ros.log.bags.metadata import (
 )
 from sparse_coord_ros.log.bags.reader import continued, open_bag
 from sparse_coord_ros.log.bags.writer import DEFAULT_CHUNK_SIZE
-from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire.status import RunStatus
-from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.protocol.wire.tables import read_tables
+from sparse_coord_ros.ros.nodes.messages import Converter, status, tables_message
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
@@ -45,19 +44,11 @@ TYPES = {
     "action": "sensor_msgs/msg/JointState",
     "percept": "nav_msgs/msg/Path",
     "active_perception/_service_event": "nav_msgs/srv/GetPlan_Event",
+    "tables": "std_msgs/msg/UInt8MultiArray",
 }
 GRID = "nav_msgs/msg/OccupancyGrid"
 WALL = 1_700_000_000_000_000_000
 STATUS_STEPS = 50
-
-
-class Attached(NamedTuple):
-    """An attachment that is to be written into a bag."""
-
-    name: str
-    media_type: str
-    data: bytes
-    log_time_ns: int
 
 
 class Recording:
@@ -115,15 +106,8 @@ class Recording:
         self.clock = 0
         self.sequences = {}
         self.tables = {}
-        text = run.to_yaml()
-        record = {
-            **run.record(),
-            wire.FORMAT_KEY: str(FORMAT),
-        }
-        self.bag.add_metadata("sparse_coord_ros", record)
-        for name, content in bag_files(run, text).items():
-            self.bag.attach(name, content.encode(), "text/plain")
-        self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
+        self.bag.add_metadata("sparse_coord_ros", run.record())
+        write_run(self.bag, run)
         game = (
             BodyWorld(run.scenario, run.seed, slips=run.slips) if run.bodies else None
         )
@@ -158,13 +142,13 @@ class Recording:
         self.say("waiting")
         for k in range(len(self.names)):
             self.coordination_map(k, 0)
-            self.attach(k, 0)
+            self.save(k, 0)
         self.say("learning")
         self.world.start()
         self.go(stop)
         self.say("finished" if self.world.finished else "stopped")
         for k, robot in enumerate(self.robots):
-            self.attach(k, robot.handled)
+            self.save(k, robot.handled)
         if finish:
             self.bag.close()
         else:
@@ -254,16 +238,15 @@ class Recording:
         )
         self.write(f"/{self.names[k]}/coordination_map", GRID, data, step)
 
-    def attach(self, k, step):
-        """Attach a robot's tables."""
+    def save(self, k, step):
+        """Record a robot's tables."""
         robot = self.robots[k]
         data = pack_tables({k + 1: robot.agent.memory()}, counts=robot.counts)
-        if self.tables.get(k) == (step, data):  # the recorder attaches them but once
+        if self.tables.get(k) == (step, data):  # the recorder writes them but once
             return
         self.tables[k] = (step, data)
-        self.bag.attach(
-            f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now
-        )
+        message = serialize_message(tables_message(data, step, "checkpoint", ""))
+        self.write(f"/{self.names[k]}/tables", TYPES["tables"], message, step)
 
     def arrives(self, kind, k, step):
         """Whether a message arrives."""
@@ -389,7 +372,21 @@ class LoggedRobot:
         self.all.coordination_map(self.k, step)
 
     def checkpoint(self, step):
-        self.all.attach(self.k, step)
+        self.all.save(self.k, step)
+
+
+def write_run(writer, run):
+    """Write the run into a bag, at its beginning."""
+    channel = writer.add_topic("/run", "std_msgs/msg/String", QoS())
+    writer.write(channel, serialize_message(String(data=run.to_yaml())), 0, 0)
+
+
+def write_tables(writer, run, name, step, packed):
+    """Write a robot's tables, the bytes of an .npz file, into a bag."""
+    channel = writer.add_topic(f"/{name}/tables", TYPES["tables"], QoS())
+    message = tables_message(packed, step, "checkpoint", "")
+    at = step * Converter(run).period
+    writer.write(channel, serialize_message(message), at, at)
 
 
 @functools.cache
@@ -403,9 +400,7 @@ def rewritten(
     bag,
     directory,
     change=lambda messages: messages,
-    attach=lambda found: found,
     *,
-    record=None,
     gap=(None, 0),
     chunk_size=DEFAULT_CHUNK_SIZE,
 ):
@@ -426,7 +421,7 @@ def rewritten(
         new.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
         for name, texts in source.metadata.items():
             if name != METADATA_RECORD:
-                new.add_metadata(name, {**texts, **(record or {})})
+                new.add_metadata(name, texts)
         channels = {one.name: channel_of(new, one) for one in source.topics.values()}
         numbers = Counter()
         for one in change(list(messages)):
@@ -437,12 +432,6 @@ def rewritten(
                 new.add_message(
                     channels[one.topic], times[0], one.data, times[1], number
                 )
-        attached = [
-            Attached(one.name, one.media_type, one.data, one.log_time_ns)
-            for one in source.attachments
-        ]
-        for one in attach(attached):
-            new.add_attachment(0, one.log_time_ns, one.name, one.media_type, one.data)
         new.finish()
     return directory
 
@@ -457,8 +446,8 @@ def channel_of(writer, topic):
     return writer.register_channel(topic.name, "cdr", schema, about)
 
 
-def copied(writer, source, messages, attachments=(), *, prefix=""):
-    """Write messages and attachments of a bag into another one, which gets all its topics."""
+def copied(writer, source, messages, *, prefix=""):
+    """Write messages of a bag into another one, which gets all its topics."""
     channels = {
         topic.name: writer.add_known_topic(topic._replace(name=prefix + topic.name))
         for topic in source.topics.values()
@@ -467,8 +456,6 @@ def copied(writer, source, messages, attachments=(), *, prefix=""):
         writer.write(
             channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns
         )
-    for one in attachments:
-        writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
 
 
 def rolled_back(
@@ -476,8 +463,8 @@ def rolled_back(
 ):
     """Write a bag of two files: so many steps after a checkpoint the team went back to it.
 
-    The recorder that writes the second file gets tables of before from the robots, and misses the
-    first steps if it is told to. The world says the states of the time step `again` twice. Of
+    The recorder that writes the second file misses the first steps if it is told to. The world
+    says the states of the time step `again` twice. Of
     `late` topics the first file lacks the last two steps. `killed` leaves it unfinished.
     """
     bag = open_bag(run.bag)
@@ -497,23 +484,29 @@ def rolled_back(
             if name != METADATA_RECORD:
                 writer.add_metadata(name, texts)
         messages = filter(written, before(bag.messages()))
-        copied(writer, bag, messages, before(bag.attachments))
+        copied(writer, bag, messages)
         writer.abandon()
     else:
-        rewritten(run.bag, directory, before, before)
-    says = {"step": str(step)}
-    with closing(
-        BagWriter(directory, earlier=continued(directory), says=says)
-    ) as writer:
-        messages = [
-            m for m in bag.messages() if m.log_time_ns >= (step + missed) * period
+        rewritten(run.bag, directory, before)
+    with closing(BagWriter(directory, earlier=continued(directory))) as writer:
+        at = round(step * period)
+        begun = next(bag.messages(["/run"]))
+        tables = [
+            one
+            for one in bag.messages()
+            if one.topic.endswith("/tables") and one.log_time_ns == at
+        ]
+        messages = [begun._replace(log_time_ns=at), *tables]
+        messages += [
+            m
+            for m in bag.messages()
+            if m.log_time_ns >= (step + missed) * period and m not in tables
         ]
         states = [one for one in messages if one.topic.endswith("/local_state")]
         for one in states if again else ():
             if one.log_time_ns == again * period:
                 messages.insert(messages.index(one) + 1, one)
-        tables = [one for one in bag.attachments if one.log_time_ns >= step * period]
-        copied(writer, bag, messages, [*before(tables), *tables])
+        copied(writer, bag, messages)
     return directory
 
 
@@ -531,12 +524,14 @@ def each(topic, kind, change, which=slice(None)):
     return changed
 
 
-def with_tables(attached, number, change):
-    """Return an attachment in which `change` has altered a robot's tables and counts."""
-    [saved] = unpack_saved(attached.data, [number], where="")
+def with_tables(message, number, change):
+    """Return a message in which `change` has altered a robot's tables and counts."""
+    said = read_tables(deserialize_message(message.data, UInt8MultiArray))
+    [saved] = unpack_saved(said.packed, [number], where="")
     change(saved.memory, saved.counts)
     data = pack_tables({number: saved.memory}, counts=saved.counts)
-    return attached._replace(data=data)
+    new = tables_message(data, said.step, said.occasion, said.attempt)
+    return message._replace(data=serialize_message(new))
 
 
 def recorded(

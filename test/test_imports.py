@@ -6,13 +6,12 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from recordings import write_run
 
 import sparse_coord_ros
-from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.bags import BagWriter
-from sparse_coord_ros.protocol.wire import FORMAT_KEY
 
 PACKAGE = Path(sparse_coord_ros.__file__).parent
 
@@ -83,10 +82,7 @@ def test_command_line_without_ros(bare, tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "other/text").write_text("no bag")
     with closing(BagWriter(tmp_path / "bag")) as bag:
-        bag.add_metadata("sparse_coord_ros", {"seed": "1", FORMAT_KEY: str(FORMAT)})
-        bag.attach(
-            "run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), ""
-        )
+        write_run(bag, make_run(load_scenario("env1"), {}))
     out = bare(
         "from sparse_coord_ros.cli.main import main\n"
         "assert main(['maps', 'env1']) == 0\n"

@@ -4,6 +4,6 @@
 
 __version__ = "3.0.0.dev0"
 
-FORMAT = 6
+FORMAT = 7
 """Number of the format of run directories, checkpoints, bags, results and searches. It changes if
 what one of these files contains changes: a file with another number is refused."""

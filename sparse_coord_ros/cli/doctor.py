@@ -39,7 +39,6 @@ def findings() -> Iterator[Finding]:
     yield checks.installation()
     yield checks.compiler()
     yield from checks.discovery()
-    yield from checks.shared_memory()
     yield from round_trip.findings()
 
 

@@ -26,8 +26,6 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.environment import (
     DOMAIN,
-    check_participants,
-    one_host,
     ros_domain,
 )
 from sparse_coord_ros.ros.nodes.outputs import gather
@@ -97,7 +95,6 @@ def sole_team() -> socket.socket:
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
     run = team_run(values)
-    check_participants(1 + len(run.scenario.robots) + values["record"])
     out = Path(values["out"])
     if not values["resume"]:
         create_output(out)
@@ -141,7 +138,7 @@ def _start(
         command += ["-p", f"{key}:={json.dumps(value, ensure_ascii=False)}"]
     command += ["-r", f"__node:={name}", *["--log-level", "warn"] * quiet]
     with held_back():  # until `executables.main` of the child can handle them
-        return subprocess.Popen(command, start_new_session=True, env=one_host())
+        return subprocess.Popen(command, start_new_session=True)
 
 
 def _wait(processes: Mapping[str, Process], out: Path, stop: Stop) -> bool:

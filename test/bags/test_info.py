@@ -6,11 +6,8 @@ import json
 
 import pytest
 
-from sparse_coord_ros.base.version import FORMAT
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.log.bags import BagWriter, QoS
-from sparse_coord_ros.log.bags.contents import Attachment
-from sparse_coord_ros.protocol.wire import FORMAT_KEY
 
 STRING = "std_msgs/msg/String"
 
@@ -20,7 +17,6 @@ def recording(tmp_path, samples):
     """Return the writer of a bag `out/bag` that is being recorded."""
     writer = BagWriter(tmp_path / "out" / "bag")
     writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
-    writer.attach("big.bin", bytes(12_345), "application/octet-stream")
     writer.flush()
     yield writer
     writer.close()
@@ -50,24 +46,14 @@ def test_a_bag_that_is_being_recorded_or_never_closed(recording, info):
 
 def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):
     odd = "\x1b[2J\nrun: seed 7"
-    told = {FORMAT_KEY: str(FORMAT), "seed": odd, f"version_{odd}": odd}
-    recording.add_metadata("sparse_coord_ros", told)
-    recording.attach(odd, b"", odd)
+    recording.add_metadata("sparse_coord_ros", {"seed": odd, f"version_{odd}": odd})
     recording.write(recording.add_topic(f"/b{odd}", STRING, QoS()), b"", 2, 2)
     recording.close()
     lines = info().split("\n")
     assert [
         line for line in lines if not line.isprintable() or line == "run: seed 7"
     ] == []
-    assert sum("\\x1b[2J\\nrun: seed 7" in line for line in lines) == 4
-
-
-def test_attachments_are_measured_without_being_read(recording, info, monkeypatch):
-    recording.close()
-    monkeypatch.setattr(Attachment, "data", property(lambda self: pytest.fail("read")))
-    assert json.loads(info("--json"))["attachments"] == [
-        {"name": "big.bin", "type": "application/octet-stream", "bytes": 12_345}
-    ]
+    assert sum("\\x1b[2J\\nrun: seed 7" in line for line in lines) == 3
 
 
 @pytest.mark.parametrize("verb", ["info", "verify", "explain", "replay"])

@@ -37,7 +37,6 @@ def bag(tmp_path, samples):
     b = writer.add_topic("/b", STRING, LATCHED)
     for i in range(20):
         writer.write(b if i % 4 == 0 else a, samples.cdr(STRING, i), 1_000 - i, i)
-    writer.attach("map.txt", b"#", "text/plain", 3)
     writer.flush()
     yield writer
     writer.close()
@@ -72,13 +71,6 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
         assert bag.sizes["/b"] == sum(len(m.data) for m in expected[::4])
         assert (bag.start_ns, bag.end_ns) == (981, 1_000)
         assert bag.metadata["run"] == {"seed": "7"}
-        [found] = bag.attachments
-        assert (found.name, found.media_type, found.log_time_ns) == (
-            "map.txt",
-            "text/plain",
-            3,
-        )
-        assert found.data == b"#" and found.size == 1
         assert bag.compressions == ("zstd",)
         assert bag.files[0].size == bag.path.stat().st_size
         writer.close()
@@ -114,17 +106,13 @@ def test_a_disk_that_fails_is_one_line(tmp_path, bag, monkeypatch):
 
 
 def test_file_that_changes_while_it_is_read(tmp_path, bag):
-    """Messages end there, attachments in BagError; nothing in garbage."""
+    """Messages end there, nothing in garbage."""
     bag.close()
     found = open_bag(tmp_path / "run")
-    [attached] = found.attachments
     assert len(list(found.messages())) == 20
     os.truncate(found.path, found.blocks[0][-1].offset + 20)
     assert 0 < len(list(found.messages())) < 20
     assert "the file has become shorter" in found.damage
-    os.truncate(found.path, 100)
-    with pytest.raises(BagError, match="has changed while it was read"):
-        _ = attached.data
 
 
 def test_memory_does_not_grow_with_the_bag(tmp_path, monkeypatch):
@@ -245,7 +233,6 @@ def chunks(tmp_path, samples):
     """Return the file of a bag with 20 messages in a chunk each, and the chunks' places."""
     with closing(BagWriter(tmp_path / "run")) as writer:
         samples.fill(writer, 20, chunks=True)
-        writer.attach("map.txt", b"#", "text/plain", 3)
     bag = open_bag(tmp_path / "run")
     assert bag.damage is None
     return bag.path, bag.files[0].blocks
@@ -311,17 +298,6 @@ def test_a_file_that_is_cut_off_is_read_as_far_as_it_goes(
         assert bag.ends_early("message 3") == (
             "it has no end (cut off, or still being written); read to message 3"
         )
-
-
-def test_a_damaged_attachment_ends_reading(chunks):
-    path, _ = chunks
-    [attached] = open_bag(path).attachments
-    data = bytearray(path.read_bytes())
-    data[attached.offset] ^= 1
-    path.write_bytes(data)
-    bag = both_ways(path)
-    assert bag.attachments == () and times(bag) == list(range(20))
-    assert "the checksum of attachment 'map.txt' is wrong" in bag.damage
 
 
 def test_what_tools_add_to_our_files_is_no_damage(chunks):

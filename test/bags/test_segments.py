@@ -42,14 +42,12 @@ def test_what_is_counted_over_several_files(tmp_path, samples):
     """Bytes count over all files; times may be in any order; channel numbers may differ."""
     writer, [a, b] = begin(tmp_path / "bag", samples)
     before = writer.bytes_written
-    back = {"step": "3"}
-    writer.begin_file(back)
+    writer.begin_file()
     assert writer.bytes_written > before
     for time in (50, 40, 60):
         writer.write(b, samples.cdr(STRING), time, time)
     writer.close()
     bag = open_bag(tmp_path / "bag")
-    assert [file.continued for file in bag.files] == [None, back]
     assert [m.sequence for m in bag.messages({"/b"})] == [*range(15), 0, 1, 2]
     assert bag.counts == {"/a": 15, "/b": 18}
     information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
@@ -62,7 +60,7 @@ def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
     directory = tmp_path / "bag"
     writer, channels = begin(directory, samples, range(1))
     for number in range(1, 12):
-        writer.begin_file({})
+        writer.begin_file()
         write(writer, channels, samples, [number])
     writer.close()
     assert [time for _, time in said(open_bag(directory))] == list(range(12))
@@ -97,7 +95,7 @@ def test_a_killed_recorder_goes_on_in_the_next_file(tmp_path, samples):
     writer.close()
     bag = open_bag(directory)
     assert said(bag) == [(f"/{'ab'[i % 2]}", i) for i in range(40)]
-    assert bag.finished and bag.files[1].continued == {}
+    assert bag.finished
     assert sorted(path.name for path in directory.iterdir()) == [
         "bag_0.mcap.partial",
         "bag_1.mcap",
@@ -138,7 +136,7 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
     channel = writer.add_topic("/a", STRING, QoS())
     for time in range(30):
         if time == 20 and split:
-            writer.begin_file({})
+            writer.begin_file()
         if time == 25:
             writer.flush()
             writer.add_metadata("all of it", {})  # a process has written by then
@@ -148,7 +146,7 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
                 rescued = rescued.with_name("bag_rescued2")
         writer.write(channel, samples.cdr(STRING, time), time, time)
     if split:
-        writer.begin_file({})
+        writer.begin_file()
         writer.write(channel, samples.cdr(STRING, 30), 30, 30)
     with pytest.raises(BagError) as caught:
         writer.close()

@@ -48,7 +48,7 @@ def topic_of(type_name):
 
 
 def write_all_types(directory, samples, rounds=3, **options):
-    """Write a bag with messages of every type, a metadata record and an attachment."""
+    """Write a bag with messages of every type, and a metadata record."""
     with closing(BagWriter(directory, **options)) as bag:
         channels = {
             name: bag.add_topic(
@@ -66,7 +66,6 @@ def write_all_types(directory, samples, rounds=3, **options):
                     10_000 + time_ns,
                     5_000 + time_ns,
                 )
-        bag.attach("scenario.yaml", b"map: cit\n", "application/yaml")
     return directory
 
 
@@ -130,7 +129,7 @@ def test_channels_carry_schema_hash_and_qos(bag_directory):
 
 
 def test_file_is_complete(bag_directory):
-    """Statistics, indexes, sequence numbers, CRCs, metadata and attachment."""
+    """Statistics, indexes, sequence numbers, CRCs, metadata."""
     reader = mcap_reader(bag_directory)
     summary = reader.get_summary()
     statistics = summary.statistics
@@ -148,9 +147,6 @@ def test_file_is_complete(bag_directory):
     assert set(map(tuple, sequences.values())) == {(0, 1, 2)}
     records = {record.name: record.metadata for record in reader.iter_metadata()}
     assert records["run"] == {"seed": "7", "scenario": "cit"}
-    [attachment] = reader.iter_attachments()
-    assert (attachment.name, attachment.data) == ("scenario.yaml", b"map: cit\n")
-    assert (attachment.media_type, attachment.log_time) == ("application/yaml", 0)
     with (bag_directory / "run_0.mcap").open("rb") as stream:
         scanned = list(NonSeekingReader(stream, validate_crcs=True).iter_messages())
     assert len(scanned) == 33
@@ -226,7 +222,6 @@ def test_closed_bag_takes_nothing_more(tmp_path):
         lambda: bag.write(channel, b"", 0, 0),
         lambda: bag.add_topic("/b", STRING, QoS()),
         lambda: bag.add_metadata("a", {}),
-        lambda: bag.attach("a", b"", "text/plain"),
         bag.flush,
     ):
         with pytest.raises(BagError, match="run_0.mcap is closed: open a new one"):

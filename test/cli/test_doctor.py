@@ -12,17 +12,10 @@ from sparse_coord_ros.base import compiling
 from sparse_coord_ros.cli import doctor
 from sparse_coord_ros.ros.doctor import checks, round_trip
 from sparse_coord_ros.ros.doctor.checks import FINE, HINT, WRONG, Finding
-from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 
 
 def levels(findings):
     return [one.level for one in findings]
-
-
-def the_one(findings, word):
-    """Return the only finding whose text has a word."""
-    (found,) = [one for one in findings if word in one.text]
-    return found
 
 
 def check_remedies(findings):
@@ -86,22 +79,6 @@ def test_where_numba_keeps_what_it_compiled(monkeypatch, tmp_path, kept_in, leve
     assert found.level == level, found
 
 
-def test_leftovers_in_shared_memory(tmp_path):
-    for name in (
-        "fastrtps_0123456789abcdef",
-        "fastrtps_0123456789abcdef_el",
-        "another",
-    ):
-        (tmp_path / name).write_bytes(b"1234")
-    found = the_one(checks.shared_memory(tmp_path), "2 files")
-    assert (found.level, "the next node" in found.remedy) == (HINT, True)
-
-
-def test_without_shared_memory(tmp_path):
-    assert leftovers(tmp_path / "none") == []
-    assert list(checks.shared_memory(tmp_path / "none")) == []
-
-
 @pytest.mark.parametrize(
     ("variables", "expected", "word"),
     [
@@ -129,32 +106,36 @@ def test_environment(variables, expected, word):
     check_remedies(found)
 
 
+FAST_DDS = {"rmw": "rmw_fastrtps_cpp"}
+CONNECTED = {**FAST_DDS, "round_trip": 0.1, "shared_memory": False}
+
+
 @pytest.mark.parametrize(
     ("said", "expected"),
     [
         ([{"missing": "No module named 'rclpy'"}], [HINT]),
-        ([{"rmw": "rmw_fastrtps_cpp", "round_trip": 0.1}], [FINE, FINE]),
-        ([{"rmw": "rmw_other", "round_trip": 0.1}], [HINT, FINE]),
+        ([CONNECTED], [FINE, FINE]),
+        ([{**CONNECTED, "shared_memory": True}], [FINE, HINT]),
+        ([{**CONNECTED, "rmw": "rmw_other"}], [HINT, FINE]),
         ([{"problem": "the middleware hangs"}], [WRONG]),
-        ([{"rmw": "rmw_fastrtps_cpp"}, {}, {}], [FINE, WRONG]),
-        ([{"rmw": "rmw_fastrtps_cpp"}, {"round_trip": 0.1}], [FINE, WRONG]),
+        ([FAST_DDS, {}], [FINE, WRONG]),
+        ([FAST_DDS, CONNECTED], [FINE, WRONG]),
     ],
 )
 def test_what_the_round_trip_means(monkeypatch, said, expected):
-    for name in (round_trip.TRANSPORTS, checks.RANGE):
-        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv(checks.RANGE, raising=False)
     answers = iter(said)
     monkeypatch.setattr(round_trip, "round_trip", lambda changes=None: next(answers))
     found = list(round_trip.findings())
     assert levels(found) == expected
     check_remedies(found)
-    if len(said) == 2:
-        assert "shared memory does not work" in found[-1].text
+    assert ("multicast does not work" in found[-1].text) == (said[1:] == [CONNECTED])
 
 
 def test_a_round_trip_between_two_processes():
     said = round_trip.round_trip()
     assert said["rmw"] and 0 < said["round_trip"], said
+    assert not said["shared_memory"]
 
 
 def test_a_middleware_that_is_not_there():

@@ -4,15 +4,16 @@
 
 import json
 from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from recordings import write_run
 
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.bags import BagWriter
-from sparse_coord_ros.protocol.wire import FORMAT_KEY
 from sparse_coord_ros.studies.checked_json import to_text
 
 OTHER = FORMAT - 1
@@ -54,7 +55,7 @@ def files(folder):
     other = text.replace(f"format: {FORMAT}\n", f"format: {OTHER}\n")
     (folder / "trained/run.yaml").write_text(other)
     with closing(BagWriter(folder / "bag")) as bag:
-        bag.add_metadata("sparse_coord_ros", {"seed": "3", FORMAT_KEY: str(OTHER)})
+        write_run(bag, SimpleNamespace(to_yaml=lambda: other))
     return folder
 
 

@@ -45,6 +45,7 @@ def transition(move, action=COORDINATE, common=0.0):
         cell=X,
         action=action,
         move=move,
+        answered=True,
         seen=SEES_PEER,
         cells=np.array([X, PEER]),
         next_cell=Y,

@@ -3,7 +3,7 @@
 """Learners as objects: what each of them says of itself, and the user's own."""
 
 import pytest
-from teams import tables_equal
+from teams import by_agents, memories_equal, tables_equal
 
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import PluginError, SettingError
@@ -12,6 +12,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 
@@ -44,6 +45,22 @@ class Eager(Coop):
     defaults = {"epsilon": "constant:0.5", "steps": 123}
 
 
+class Looks(Coop):
+    """It notes the cells that it is given, in Q*."""
+
+    @staticmethod
+    def asking_values(mind, task, k, cell, seen, cells, values):
+        for b in range(4):
+            values[b] = cells[b % task.robots]
+
+    @staticmethod
+    def learn(mind, task, k, now, after):
+        for j in range(task.robots):
+            mind.q_star[k, now.cell, j] = now.cells[j]
+            mind.q_star[k, now.next_cell, j] = now.next_cells[j]
+            mind.updates[k, now.cell, j] += 1
+
+
 def test_the_papers_three_and_ours():
     expected = {
         "coop": ("Coop.", True, False),
@@ -59,6 +76,17 @@ def test_the_papers_three_and_ours():
     for name, one in shipped.items():
         assert one.label == name
         assert one.weights(load_scenario("env1")) == RewardWeights(1, 1, 1)
+
+
+@pytest.mark.parametrize("seen", ["when_asked", "while_learning"])
+def test_cells_that_a_robot_does_not_see_are_unknown_in_loops_as_in_nodes(seen):
+    settings = {"perception": "probability:0.5", "peers_seen": seen, "peers": "all"}
+    scenario = load_scenario("crowd-3r", steps=200).with_settings(settings)
+    memories, _ = by_agents(scenario, Looks(), 5)
+    for one, memory in zip(learn(scenario, Looks(), 5), memories, strict=True):
+        assert memories_equal(one.memory, memory)
+        unknown = (memory["q_star"] == NOT_PERCEIVED).any()
+        assert unknown == (seen == "when_asked")
 
 
 @pytest.mark.parametrize("engine", [pytest.param("numba", marks=needs_numba), "python"])

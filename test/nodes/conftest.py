@@ -36,39 +36,6 @@ from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
 
-UDP_ONLY = """\
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <transport_descriptors>
-    <transport_descriptor>
-      <transport_id>loopback</transport_id>
-      <type>UDPv4</type>
-      <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
-    </transport_descriptor>
-  </transport_descriptors>
-  <participant profile_name="udp_only" is_default_profile="true">
-    <rtps>
-      <builtin><discovery_config>
-        <leaseDuration><sec>5</sec></leaseDuration>
-        <leaseAnnouncement><sec>1</sec></leaseAnnouncement>
-      </discovery_config></builtin>
-      <userTransports><transport_id>loopback</transport_id></userTransports>
-      <useBuiltinTransports>false</useBuiltinTransports>
-    </rtps>
-  </participant>
-  <data_writer profile_name="prompt" is_default_profile="true">
-    <times><heartbeatPeriod><nanosec>50000000</nanosec></heartbeatPeriod></times>
-  </data_writer>
-  <data_reader profile_name="unlimited" is_default_profile="true">
-    <topic><resourceLimitsQos><max_samples>0</max_samples></resourceLimitsQos></topic>
-  </data_reader>
-</profiles>
-"""
-"""Fast DDS without shared memory, which a killed process would leave behind.
-
-FASTDDS_BUILTIN_TRANSPORTS cannot say so: with the discovery range LOCALHOST rmw_fastrtps brings
-transports of its own, shared memory among them.
-"""
-
 SAY_AGAIN_SECONDS = 0.1
 """Between two repeats of an observer's message."""
 
@@ -526,14 +493,3 @@ def no_process_left():
     while left := [one for one in _descendants() if one not in before]:
         assert time.monotonic() < deadline, f"processes left behind: {left}"
         time.sleep(0.02)
-
-
-@pytest.fixture(autouse=True, scope="session")
-def udp_only(ros_environment, tmp_path_factory):
-    """Let these tests and their processes talk by UDP on this machine, and in no other way."""
-    profiles = tmp_path_factory.mktemp("fastdds") / "udp_only.xml"
-    profiles.write_text(UDP_ONLY)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")
-        yield

@@ -26,7 +26,10 @@ AGAIN = "continuing from a checkpoint"
 ROBOT = "sparse_coord_ros.ros.nodes.robot"
 IN = {
     "a file": ("sparse_coord_ros.protocol.lockstep.node_checkpoints:write_whole", "3"),
-    "an attachment": ("sparse_coord_ros.ros.nodes.recorder:Recording._attach", "6"),
+    "writing tables": (
+        "sparse_coord_ros.ros.nodes.recorder:Recording._write_down",
+        "6",
+    ),
     "its order": ("sparse_coord_ros.ros.nodes.restart:Restart._begin", "2"),
     "its obedience": (f"{ROBOT}:Member._begin", "2"),
 }
@@ -151,7 +154,7 @@ KILLS = {
     "another robot": one_or_all("robot_2"),
     "all": one_or_all(*NODES),
     "the world as it saves": dying(WORLD, "a file"),
-    "the recorder as it saves": dying(RECORDER, "an attachment", SLOWER),
+    "the recorder as it saves": dying(RECORDER, "writing tables", SLOWER),
     "the world during a resume": dying_as_another_comes_back(WORLD, "its order"),
     "a robot during a resume": dying_as_another_comes_back("robot_1", "its obedience"),
     "all, and all again during the resume": all_twice,

@@ -35,10 +35,10 @@ from sparse_coord_ros.protocol.wire.status import (
     read_status,
     values_of,
 )
+from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.nodes.body import read_command
 from sparse_coord_ros.ros.nodes.messages import (
     Converter,
-    read_tables_message,
     status,
     tables_message,
 )
@@ -192,7 +192,7 @@ def test_markers_show_doorways_goals_and_robots():
 
 def test_tables_travel_as_bytes():
     message = tables_message(b"some bytes", 7, "final", "ab")
-    assert read_tables_message(message) == (b"some bytes", 7, "final", "ab")
+    assert read_tables(message) == (b"some bytes", 7, "final", "ab")
 
 
 def test_values_of_a_status_come_back():
@@ -286,7 +286,7 @@ def tables(changes):
     message = tables_message(b"some bytes", 7, "final", "ab")
     message.layout.dim[0].label = changes.get("label", message.layout.dim[0].label)
     message.layout.dim = message.layout.dim[: changes.get("count", 3)]
-    return read_tables_message(message)
+    return read_tables(message)
 
 
 def world_status(changes):

@@ -13,6 +13,8 @@ from std_msgs.msg import String
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.bags.reader import open_bag
+from sparse_coord_ros.log.runlog.bag_run import find_run
+from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
 from sparse_coord_ros.protocol.wire import Occasion, RunState
 from sparse_coord_ros.protocol.wire.status import (
     NO_ATTEMPT,
@@ -27,7 +29,6 @@ from sparse_coord_ros.ros.nodes.recorder import (
     LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
     Recorder,
-    checkpoints_in,
 )
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
@@ -160,7 +161,7 @@ def tables(node, robot, step, occasion, attempt="first"):
     node.tick()
 
 
-def test_tables_are_attached_when_the_bag_holds_everything_before_them(recording):
+def test_tables_are_written_when_the_bag_holds_everything_before_them(recording):
     """With those of all robots it is a checkpoint of the recorder; not of another attempt."""
     node = recording(kind=Telling)
     robots = "robot_1", "robot_2"
@@ -177,12 +178,13 @@ def test_tables_are_attached_when_the_bag_holds_everything_before_them(recording
     node.tick()
     assert node.told[-1] == Progress((0, 7), "first")
     node.finish(interrupted=False)
-    attached = [
-        one.name
-        for one in open_bag(node.directory).attachments
-        if one.name.startswith("tables/")
+    bag = open_bag(node.directory)
+    written = [
+        (one.topic, one.log_time_ns // convert.period)
+        for one in bag.messages()
+        if one.topic.endswith("/tables")
     ]
-    assert attached == [
-        f"tables/{robot}_{step}.npz" for step in (0, 7) for robot in robots
+    assert written == [
+        (f"/{robot}/tables", step) for step in (0, 7) for robot in robots
     ]
-    assert checkpoints_in(open_bag(node.directory)) == [0, 7]
+    assert checkpoints_in(bag, *find_run(bag)) == [0, 7]

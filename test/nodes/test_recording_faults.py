@@ -9,23 +9,24 @@ import shutil
 import signal
 import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 from live_teams import child_of
 from patience import PATIENCE_SECONDS
+from recordings import write_run
 from teams import tables_in
 
 import sparse_coord_ros
 from sparse_coord_ros.base.errors import BagError, RunError
-from sparse_coord_ros.base.version import FORMAT
+from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
-from sparse_coord_ros.core.runs.run_config import RUN_RECORD, load_run
+from sparse_coord_ros.core.runs.run_config import load_run, make_run
 from sparse_coord_ros.log.bags import BagWriter, open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire import FORMAT_KEY
 from sparse_coord_ros.ros.nodes.recorder import BagProcess, Recorder
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -173,18 +174,15 @@ def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(
     tmp_path, monkeypatch
 ):
     class Broken(BagProcess):
-        def attach(self, name, data, media_type, log_time_ns=0):
-            raise BagError(f"cannot write {name}")
+        def flush(self):
+            raise BagError("cannot write")
 
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.BagProcess", Broken)
     out = tmp_path / "out"
     values = {"scenario": "env1", "steps": 30, "out": str(out), "record": True}
     with ros_context() as context:
         summary = run_team(values, context=context)
-    assert (summary["transitions"], summary["recording_error"]) == (
-        30,
-        "cannot write run.yaml",
-    )
+    assert (summary["transitions"], summary["recording_error"]) == (30, "cannot write")
     assert open_bag(out / "bag").metadata["sparse_coord_ros"]["scenario"] == "env1"
 
 
@@ -213,8 +211,9 @@ def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
 
 
 def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
+    run = replace(make_run(load_scenario("env1"), {}), id="another")
     with closing(BagWriter(tmp_path / "bag")) as writer:
-        writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(FORMAT), "id": "another"})
+        write_run(writer, run)
     bench.world(recorded=True)
     bench.recorder(tmp_path / "bag", resume=True)
     with pytest.raises(RunError, match=str(tmp_path / "bag")):

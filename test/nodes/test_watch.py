@@ -6,16 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from teams import same_bits, tables_in
 
-from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import row_in_words
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics, team, watch
-from sparse_coord_ros.ros.nodes.messages import tables_message
 from sparse_coord_ros.ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.show.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.show.page.live_source import LiveView
@@ -36,6 +34,11 @@ def heard_of(run):
             takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
     return HeardTeam(SimpleNamespace(subscriber=Listening()), run, view), takes, view
+
+
+def without_tables(takes):
+    """Return the other topics."""
+    return {name for name in takes if not name.endswith("/tables")}
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
@@ -116,18 +119,13 @@ def test_a_run_that_goes_back_is_shown_on(good):
 def test_details_have_the_row_of_the_newest_tables(good):
     """As it was announced; it may have changed since the robot asked."""
     _, takes, view = heard_of(good.run)
-    tables = {}
-    for one in open_bag(good.bag).attachments:
-        for k in range(2):
-            if f"robot_{k + 1}_0" in one.name:
-                takes[f"/robot_{k + 1}/tables"](
-                    serialize_message(tables_message(one.data, 0, "", ""))
-                )
-                [saved] = unpack_saved(one.data, [k + 1], where=one.name)
-                tables[k] = tables_of(good.run.scenario, good.run.rule, k, saved.memory)
     log = read_run(good.bag)
+    for one in open_bag(good.bag).messages(["/robot_1/tables", "/robot_2/tables"]):
+        if one.log_time_ns == 0:
+            takes[one.topic](one.data)
+    tables = {k: log.tables[k, 0] for k in range(2)}
     told = 0
-    for message in open_bag(good.bag).messages(set(takes)):
+    for message in open_bag(good.bag).messages(without_tables(takes)):
         takes[message.topic](message.data)
         view.show(transitions=0, episode=0)
     for entry in view.board.get("dialogue")["entries"]:
@@ -158,12 +156,10 @@ def test_trails_are_those_of_the_episode(good):
 
 def test_reasons_are_told_of_robots_whose_tables_were_heard(good):
     _, takes, view = heard_of(good.run)
-    for one in open_bag(good.bag).attachments:
-        if "robot_2" in one.name:
-            message = tables_message(one.data, 0, "begin", "")
-            takes["/robot_2/tables"](serialize_message(message))
+    for one in open_bag(good.bag).messages(["/robot_2/tables"]):
+        takes[one.topic](one.data)
     told = {0: set(), 1: set()}
-    for message in open_bag(good.bag).messages(set(takes)):
+    for message in open_bag(good.bag).messages(without_tables(takes)):
         takes[message.topic](message.data)
         view.show(transitions=0, episode=0)
     for entry in view.board.get("dialogue")["entries"]:

@@ -11,7 +11,7 @@ from sparse_coord_ros.log.runlog import verify
 def alter(good, rewritten, tmp_path):
     """Return a function that changes messages, attachments or the record, and verifies."""
 
-    def altered(change=lambda messages: messages, attach=lambda found: found, **more):
-        return verify(rewritten(good.bag, tmp_path / "bag", change, attach, **more))
+    def altered(change=lambda messages: messages, **more):
+        return verify(rewritten(good.bag, tmp_path / "bag", change, **more))
 
     return altered

@@ -168,7 +168,7 @@ def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     bag = tmp_path / "bag"
     with closing(BagWriter(bag)) as new:
         new.add_metadata("sparse_coord_ros", source.metadata["sparse_coord_ros"])
-        copied(new, source, source.messages(), source.attachments, prefix="/team_a")
+        copied(new, source, source.messages(), prefix="/team_a")
     found = verify(bag)
     assert found.same, found.first
     assert found.steps == 250

@@ -12,6 +12,7 @@ from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message, serialize_message
 from recordings import rolled_back, with_tables
 from sensor_msgs.msg import JointState
+from std_msgs.msg import UInt8MultiArray
 from teams import tables_equal
 
 from sparse_coord_ros.core.game.actions import ACTIONS
@@ -22,6 +23,7 @@ from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
 from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
 from sparse_coord_ros.protocol.wire.messages import ACTION_FORM, POSE_FORM, REWARD_FORM
+from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.nodes.messages import Converter
 
 TYPES = {
@@ -440,11 +442,7 @@ def test_a_stopped_run_whose_world_does_not_say_so(record, rewritten, tmp_path):
 
 def test_a_robot_that_shows_nothing_of_what_it_learns(alter):
     """A user's own robot; its actions are shown, without an invented reason."""
-    found = alter(
-        attach=lambda attached: [
-            one for one in attached if not one.name.startswith("tables/robot_1")
-        ],
-    )
+    found = alter(lambda all: [one for one in all if one.topic != "/robot_1/tables"])
     why = found.undecided.why
     assert why.startswith("robot_1 publishes no tables") and found.steps == 250
     steps = coordinations(found.log, 0)
@@ -466,23 +464,22 @@ def test_tables_that_are_changed_or_not_there(alter, which, how):
     def one_more(memory, counts):
         counts["refused"] += 1
 
-    def attach(found):
-        mine = [
-            p for p, one in enumerate(found) if one.name.startswith("tables/robot_2_")
-        ]
+    def change(found):
+        mine = [p for p, one in enumerate(found) if one.topic == "/robot_2/tables"]
         place = mine[which]
-        name = found[place].name
-        steps.append(int(name.removesuffix(".npz").rpartition("_")[2]))
+        message = deserialize_message(found[place].data, UInt8MultiArray)
+        steps.append(read_tables(message).step)
         if how == "missing":
             del found[place]
         elif how == "garbage":
-            found[place] = found[place]._replace(data=found[place].data[:-30])
+            message.data = message.data[:-30]
+            found[place] = found[place]._replace(data=serialize_message(message))
         else:
-            change = one_more if how == "a count" else nearly
-            found[place] = with_tables(found[place], 2, change)
+            changed = one_more if how == "a count" else nearly
+            found[place] = with_tables(found[place], 2, changed)
         return found
 
-    found = alter(attach=attach)
+    found = alter(change)
     if how == "missing":
         assert found.undecided.step <= steps[0] and "robot_2" in found.undecided.why
         return

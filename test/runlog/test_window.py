@@ -51,9 +51,7 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
         settings={"steps": 400, "perception": "probability:0.6"},
         values={"checkpoint": 30},
     )
-    names = [one.name for one in open_bag(run.bag).attachments]
-    steps = [int(name[15:-4]) for name in names if name.startswith("tables/robot_1_")]
-    step = min(n for n in steps if n > 200)
+    step = min(n for k, n in read_run(run.bag).tables if n > 200)
     directory = recordings.rolled_back(run, tmp_path / "bag", step, after=60)
     due = read_run(run.bag)
     log = LongLog(directory)

@@ -26,7 +26,6 @@ ODD = {topic.type_name for topic in TOPICS} | {
     services.ACTIVE_PERCEPTION.name,
     wire.ROSOUT.name,
     wire.PARAMETER_EVENTS.name,
-    wire.TABLES_FOLDER,
 }
 """Names that mean nothing else."""
 
@@ -46,7 +45,6 @@ def test_names_and_labels_are_there_once():
     assert len({(topic.name, topic.owner) for topic in TOPICS}) == len(set(TOPICS))
     labels = [label for topic in TOPICS for label in topic.labels]
     assert len({*wire.ACTION.labels}) == len(wire.ACTION.labels) and "percept" in labels
-    assert wire.tables_attachment("robot_1", 7) == "tables/robot_1_7.npz"
 
 
 def test_a_percept_of_which_nobody_says_how_it_ended():

@@ -210,12 +210,13 @@ class Agent:
             cells, next_cells = team
         else:
             seen, cells = self._percept(cell, decision.peers, perceived)
-            next_cells = cells
+            _, next_cells = self._percept(next_cell, (), None)
         now = Transition(
             step=step,
             cell=cell,
             action=decision.action,
             move=action.move,
+            answered=perceived is not None,
             seen=seen,
             cells=cells,
             next_cell=next_cell,

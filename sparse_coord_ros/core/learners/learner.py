@@ -268,7 +268,7 @@ class Learner:
             k: the robot.
             cell: X_k(t).
             seen: the peers that are perceived, the sum of 2^j; 0: the percept failed.
-            cells: the cells of all robots; those of peers that are not seen mean nothing.
+            cells: the cells of all robots; `NOT_PERCEIVED` in place of those that are not seen.
             values: set [move].
         """
         raise NotImplementedError

@@ -102,11 +102,14 @@ class Transition(NamedTuple):
         cell: X_k(t).
         action: A_k(t), as of `core.game.actions`.
         move: the primitive action that it became.
+        answered: whether it asked, and the percept succeeded.
         seen: the peers whose cells it knows, the sum of 2^j; 0: none. They are those that it
             perceived; with `task.sees_all` all peers.
-        cells: the cells of all robots at t; those of peers that are not seen mean nothing.
+        cells: the cells of all robots at t; `NOT_PERCEIVED` in place of those that it does not
+            know.
         next_cell: X_k(t+1).
-        next_cells: the cells of all robots at t+1, with `task.sees_all`; else they mean nothing.
+        next_cells: the cells of all robots at t+1, likewise: it knows its own, and with
+            `task.sees_all` all of them.
         individual: r^I_k.
         common: r^C.
         asking: minus the cost of asking; or 0.
@@ -117,6 +120,7 @@ class Transition(NamedTuple):
     cell: int
     action: int
     move: int
+    answered: bool
     seen: int
     cells: Any
     next_cell: int

@@ -7,23 +7,26 @@ Cells: x of the robot, z_j of peer j; a step later y and z'_j. Moves: b. c: the 
     (1) U(x, b)      = E[ r^I + gamma max_b' U(y, b') ]             a robot that meets nobody
     (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer, see `worst`
     (3) Q*(x, b)     = U(x, b) + mean of min_j rho0_j(x, z_j, b)    it does not ask
-    (4) Q*(x, ask)   = mean of max_b Q^C(x, z, b) - c               it asks
+    (4) Q*(x, ask)   = mean of A(x, z) - c                          it asks
+        A(x, z)      = p max_b Q^C(x, z, b) + (1 - p) Q^C(x, z, n)
 
 The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer
-j changes if the robot asks in x, rho0_j if it does not. Each step from z_j to z'_j teaches both,
+j changes if the robot asks in x, rho0_j if it does not. p is the share of questions that are
+answered there, n the move of a robot without an answer. Each step from z_j to z'_j teaches both,
 for all moves of the cell that it knows:
 
     (5) U + rho_j    <- sum_y P(y | x, b, z'_j) [ r^C + gamma V_j(y, z'_j) ]
-    (6) V_j(y, z')   =  max_b (U + rho_j)(y, z', b) - c     if it asks in y
-                        (U + rho0_j)(y, z', m)              if not; m: the best move of (3)
+    (6) V_j(y, z')   =  A(y, z') - c                    if it asks in y; A with this rho_j alone
+                        (U + rho0_j)(y, z', m)          if not; m: the best move of (3)
 
 At the goal the value of the arrival is in place of V_j. A question asks all peers at once, so with
 several of them each V_j has its share of c.
 
 As a robot's choice depends on its cell alone, it holds while the robot stays there: for y = x,
 rho_j takes the first line of (6), and rho0_j the second one with m = b. A step that the robot did
-not make itself counts by its probability (`weight_of`). In teams of more than two, robots that
-face each other lose patience: see `patience`.
+not make itself counts by its probability (`weight_of`). A robot that does not know z learns of
+"no answer" (`NOT_PERCEIVED`) as of a cell. In teams of more than two, robots that face each other
+lose patience: see `patience`.
 
 This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
 max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
@@ -46,10 +49,10 @@ from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.lone import known_q_star
 from sparse_coord_ros.core.learners.rules import (
+    NOT_PERCEIVED,
     Task,
     Transition,
     Values,
-    copy_moves,
     epsilon_greedy,
     greatest,
     greedy,
@@ -80,8 +83,18 @@ MOST_CREDIT = 8
 FORBIDDEN = -1e9
 """The value of moving into a wall without asking: a robot would do it for ever."""
 
-ASKS, DOES_NOT_ASK = range(2)
-"""Whose correction a row of `rho` is: rho, or rho0."""
+NOT_FELT = 1e9
+"""In place of r^C: it was never felt."""
+
+STEP, CELL, MOVE, PARTNERS, COMMON, CELLS = range(6)
+"""Entries of `last`: the time step t, X(t), its move, the peers with which it interacted, r^C, and
+from `CELLS` on the cells of all robots at t."""
+
+NO_STEP = -2.0
+"""The time step of `last` before the first one."""
+
+ASKED, ANSWERED, ENDED = range(3)
+"""Counts of a row of `felt`."""
 
 
 class Voi(Learner):
@@ -101,7 +114,7 @@ class Voi(Learner):
             "step_size": "floored:0.6:0.1:0.01",
         }
     )
-    values = ("q_star", "u", "gain", "rho")
+    values = ("q_star", "u", "gain", "blind", "rho", "rho0")
     scratch = ("row",)
 
     class Mind(NamedTuple):
@@ -110,7 +123,6 @@ class Voi(Learner):
         Attributes:
             q_star: Q*, by (3) and (4) [k, x, action].
             updates: how often b was tried [k, x, b]; how often it asked [k, x, 4].
-            answered: how often it asked in x and was answered [k, x].
             u: U, by (1) [k, x, b].
             tries: `updates` of moves, and the tries for which the map counts [k, x, b].
             led: how often b led out of x in these tries [k, x, b].
@@ -118,16 +130,16 @@ class Voi(Learner):
             visited: the cells that it has visited, in the order of their first time [k, n].
             count: how many they are [k, 0].
             gain: Q* - U of moves; of COORDINATE Q* + c - max_b U [k, x, action].
+            blind: the mean of Q^C - U over the cells z of peers that do not answer [k, x, b].
             arrivals: how often it met its peers on coming to x [k, x].
-            rho: rho_j and rho0_j: a row [b] for x, j, z and `ASKS` or `DOES_NOT_ASK`; `updates`
-                of rho_j: how often b was made there.
+            rho: rho_j: a row [b] for x, j, z; `updates`: how often b was made there.
+            rho0: rho0_j, likewise.
             given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
-            peer: for x, j, z and z', how often b was made (`updates`), and the r^C of it that was
-                felt last when it led out (`values`).
-            felt: for y, j and z', the r^C that was felt last there.
-            last: of the last step: whether it knew its peers' cells, its own cell, its move, the
-                peers with which it interacted, r^C, and the cells of all robots, if it knew them
-                [k, 5 + j].
+            peer: for x, j, z and z', how often b was made (`updates`), and the mean r^C of it when
+                it led out (`values`); for z' `NOT_PERCEIVED` when it led home.
+            felt: for y, j and z', the mean r^C of steps that ended there (`values`, first column),
+                and the counts `ASKED`, `ANSWERED` and `ENDED` (`updates`).
+            last: the last step: `STEP`, `CELL`, `MOVE`, `PARTNERS`, `COMMON`, `CELLS` [k, 5 + j].
             stood: of the last answer: how many in a row found nobody moved, and the cells of all
                 robots [k, 1 + j].
             row: space for a row [k, b].
@@ -135,7 +147,6 @@ class Voi(Learner):
 
         q_star: Any
         updates: Any
-        answered: Any
         u: Any
         tries: Any
         led: Any
@@ -143,8 +154,10 @@ class Voi(Learner):
         visited: Any
         count: Any
         gain: Any
+        blind: Any
         arrivals: Any
         rho: Table
+        rho0: Table
         given: Table
         peer: Table
         felt: Table
@@ -179,29 +192,31 @@ class Voi(Learner):
         """Return what a robot remembers before learning: U and Q* are `q_coord_init`, else 0."""
         cells = len(scenario.map.cells)
         team = len(scenario.robots)
-        places = cells * team * cells
+        places = cells * team * (cells + 1)
         moves = (cells, PRIMITIVES)
         nothing = np.zeros((1, PRIMITIVES))
+        not_felt = np.full((1, PRIMITIVES), NOT_FELT)
         u = np.full(moves, float(scenario.q_coord_init))
         q_star = np.full((cells, len(ACTIONS)), float(scenario.q_coord_init))
         q_star[:, COORDINATE] -= scenario.ask_cost
         return Voi.Mind(
             q_star=q_star,
             updates=np.zeros(q_star.shape, dtype=np.int64),
-            answered=np.zeros(cells, dtype=np.int64),
             u=u,
             tries=np.zeros(moves, dtype=np.int64),
             led=np.zeros(moves, dtype=np.int64),
-            to=np.zeros(moves, dtype=np.int64),
+            to=np.repeat(np.arange(cells), PRIMITIVES).reshape(moves),
             visited=np.zeros(cells, dtype=np.int64),
             count=np.zeros(1, dtype=np.int64),
             gain=np.zeros(q_star.shape),
+            blind=np.zeros(moves),
             arrivals=np.zeros(cells, dtype=np.int64),
-            rho=table(2 * places, nothing, 2 * team),
+            rho=table(places, nothing, team),
+            rho0=table(places, nothing, team),
             given=table(places, nothing, team),
-            peer=table(places * cells, nothing, team),
-            felt=table(places, nothing, team),
-            last=np.zeros(5 + team),
+            peer=table(places * (cells + 1), not_felt, 2 * team),
+            felt=table(places, not_felt, 2 * team),
+            last=np.full(CELLS + team, NO_STEP),
             stood=np.zeros(1 + team, dtype=np.int64),
             row=np.zeros(PRIMITIVES),
         )
@@ -220,16 +235,14 @@ class Voi(Learner):
             u=q_star[:, :PRIMITIVES].copy(),
             tries=np.full(leads.shape, MAP_TRIES),
             led=leads * max(1, round(scenario.known_success * MAP_TRIES)),
-            to=np.where(leads, lead, 0),
+            to=lead.copy(),
             visited=cells,
             count=np.array([len(cells)]),
         )
 
     @staticmethod
     def begin_episode(mind: Any, task: Task, k: int) -> None:
-        """Forget the last step and the last answer."""
-        mind.last[k, 0] = 0.0
-        mind.last[k, 1] = -1.0
+        """Forget the last answer."""
         mind.stood[k, :] = -1
 
     @staticmethod
@@ -246,11 +259,11 @@ class Voi(Learner):
     def asking_values(
         mind: Any, task: Task, k: int, cell: int, seen: int, cells: Any, values: Any
     ) -> None:
-        """Set the values Q^C, by (2); after a failed percept Q*, as Algorithm 1."""
+        """Set the values Q^C, by (2); without an answer their means, see `know_nothing`."""
         if seen == 0:
-            copy_moves(mind.q_star[k, cell], values)
-            return
-        know(mind, task, k, cell, cells, values)
+            know_nothing(mind, k, cell, values)
+        else:
+            know(mind, task, k, cell, cells, values)
 
     @staticmethod
     def move_after_asking(
@@ -283,13 +296,18 @@ class Voi(Learner):
     def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
         """Learn from the own move, and from the steps that peers made until now."""
         x = now.cell
-        if now.seen != 0 and mind.last[k, 0] != 0:
+        follows = mind.last[k, STEP] + 1 == now.step
+        if follows:
             learn_from_peers(mind, task, k, now)
         count_move(mind, task, k, now)
+        if now.action == COORDINATE:
+            count_question(mind, task, k, now)
         learn_alone(mind, task, k, x)
-        if now.seen != 0 and mind.last[k, 1] != x:
+        if not follows or mind.last[k, CELL] != x:
             learn_means(mind, task, k, now)
         note_step(mind, task, k, now)
+        if now.next_cell == task.goals[k]:
+            learn_from_arrival(mind, task, k, now)
         refresh(mind, task, k, x)
         chance = draw(task.keys[k], now.step, REPLAY)
         again = int(mind.visited[k, int(chance * mind.count[k, 0])])
@@ -319,14 +337,14 @@ def by_policy(values: Values, task: Task, k: int, step: int) -> int:
 
 @jitable
 def place(task: Task, x: int, j: int, z: int) -> int:
-    """Return the key of an own cell, a peer and its cell."""
-    return (x * task.robots + j) * task.cells + z
+    """Return the key of an own cell, a peer and its cell, which may be `NOT_PERCEIVED`, -1."""
+    return (x * task.robots + j) * (task.cells + 1) + z + 1
 
 
 @jitable
-def row_of(rho: Table, task: Task, k: int, x: int, j: int, z: int, asks: int) -> int:
-    """Return the row of rho_j or rho0_j."""
-    return find(rho, k, 2 * place(task, x, j, z) + asks)
+def step_of(task: Task, x: int, j: int, z: int, z_next: int) -> int:
+    """Return the key of an own cell, a peer and its step from z to z'."""
+    return place(task, x, j, z) * (task.cells + 1) + z_next + 1
 
 
 # A robot alone.
@@ -334,7 +352,7 @@ def row_of(rho: Table, task: Task, k: int, x: int, j: int, z: int, asks: int) ->
 
 @jitable
 def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
-    """Count a step in the model of moves, and a question."""
+    """Count a step in the model of moves."""
     x = now.cell
     if greatest(mind.tries[k, x], PRIMITIVES) == 0.0:
         mind.visited[k, mind.count[k, 0]] = x
@@ -344,10 +362,30 @@ def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
     if now.next_cell != x:
         mind.led[k, x, now.move] += 1
         mind.to[k, x, now.move] = now.next_cell
-    if now.action == COORDINATE:
-        mind.updates[k, x, COORDINATE] += 1
-        if now.seen != 0:
-            mind.answered[k, x] += 1
+
+
+@jitable
+def count_question(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Count a question, and whether it was answered."""
+    mind.updates[k, now.cell, COORDINATE] += 1
+    for j in range(task.robots):
+        if j != k:
+            key = place(task, now.cell, j, int(now.cells[j]))
+            counts = mind.felt.updates[k, met(mind.felt, task, k, key)]
+            counts[ASKED] += 1
+            counts[ANSWERED] += now.answered
+
+
+@jitable
+def share_answered(mind: Any, task: Task, k: int, x: int, j: int, z: int) -> float:
+    """Return the share of questions that were answered with the peer in z.
+
+    One answer is counted before the first question. Where the robot knows no z, it had none.
+    """
+    if z == NOT_PERCEIVED:
+        return 0.0
+    counts = mind.felt.updates[k, find(mind.felt, k, place(task, x, j, z))]
+    return float((counts[ANSWERED] + 1) / (counts[ASKED] + 1))
 
 
 @jitable
@@ -392,15 +430,13 @@ def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
 
 
 @jitable
-def worst(
-    rho: Table, task: Task, k: int, x: int, cells: Any, asks: int, values: Any
-) -> None:
+def worst(rho: Table, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
     """Set min_j rho_j(x, z_j, b), or that of rho0; more than 0 only with one peer."""
     for b in range(PRIMITIVES):
         values[b] = 0.0
     for j in range(task.robots):
         if j != k:
-            row = row_of(rho, task, k, x, j, int(cells[j]), asks)
+            row = find(rho, k, place(task, x, j, int(cells[j])))
             for b in range(PRIMITIVES):
                 value = rho.values[k, row, b]
                 if task.robots == 2 or value < values[b]:
@@ -410,9 +446,28 @@ def worst(
 @jitable
 def know(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
     """Set Q^C(x, z, .), by (2)."""
-    worst(mind.rho, task, k, x, cells, ASKS, values)
+    worst(mind.rho, task, k, x, cells, values)
     for b in range(PRIMITIVES):
         values[b] += mind.u[k, x, b]
+
+
+@jitable
+def know_nothing(mind: Any, k: int, x: int, values: Any) -> None:
+    """Set the values of the moves without an answer: means of Q^C, and no waiting at walls."""
+    for b in range(PRIMITIVES):
+        values[b] = mind.u[k, x, b] + mind.blind[k, x, b]
+        if is_wall(mind.led[k, x, b], mind.tries[k, x, b]):
+            values[b] = FORBIDDEN
+
+
+@jitable
+def move_without_answer(mind: Any, k: int, x: int, share: float) -> int:
+    """Return n, the best move without an answer; any move where all questions are answered."""
+    if share == 1.0:
+        return 0
+    row = mind.row[k]
+    know_nothing(mind, k, x, row)
+    return best_move(row)
 
 
 @jitable
@@ -431,38 +486,70 @@ def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
     m = best_move(mind.q_star[k, y])
     if mind.q_star[k, y, COORDINATE] > mind.q_star[k, y, m]:
         return value_asking(mind, task, k, j, y, z)
-    row = row_of(mind.rho, task, k, y, j, z, DOES_NOT_ASK)
-    return float(mind.u[k, y, m] + mind.rho.values[k, row, m])
+    row = find(mind.rho0, k, place(task, y, j, z))
+    return float(mind.u[k, y, m] + mind.rho0.values[k, row, m])
 
 
 @jitable
 def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
-    """Return the first line of (6): where percepts fail, by the share that succeeded in y."""
-    row = row_of(mind.rho, task, k, y, j, z, ASKS)
-    rho = mind.rho.values[k, row]
-    best = mind.u[k, y, 0] + rho[0]
-    for b in range(1, PRIMITIVES):
-        best = max(best, mind.u[k, y, b] + rho[b])
-    m = best_move(mind.q_star[k, y])
-    share = (mind.answered[k, y] + 1) / (mind.updates[k, y, COORDINATE] + 1)
-    best = share * best + (1.0 - share) * (mind.u[k, y, m] + rho[m])
+    """Return the first line of (6)."""
+    share = share_answered(mind, task, k, y, j, z)
+    n = move_without_answer(mind, k, y, share)
+    row = mind.row[k]
+    rho = mind.rho.values[k, find(mind.rho, k, place(task, y, j, z))]
+    for b in range(PRIMITIVES):
+        row[b] = mind.u[k, y, b] + rho[b]
+    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[n]
     return float(best - price(task) / (task.robots - 1))
 
 
 @jitable
 def learn_from_peers(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Learn from the last step, as its robot now knows where its peers went."""
-    last = mind.last[k]
-    x = int(last[1])
-    move = int(last[2])
-    interacted = int(last[3])
     for j in range(task.robots):
         if j != k:
-            common = last[4] if (interacted >> j) & 1 else 0.0
-            z = int(last[5 + j])
+            z_next = int(now.cells[j])
             learn_from_peer(
-                mind, task, k, now, j, x, move, z, int(now.cells[j]), common
+                mind, task, k, now, j, z_next, common_with(mind, task, k, j)
             )
+
+
+@jitable
+def learn_from_arrival(mind: Any, task: Task, k: int, now: Transition) -> None:
+    """Learn r^C of an arrival: where the peers went is not known."""
+    for j in range(task.robots):
+        if j != k:
+            z = int(now.cells[j])
+            row = met(mind.peer, task, k, step_of(task, now.cell, j, z, NOT_PERCEIVED))
+            mind.peer.updates[k, row, now.move] += 1
+            alpha = step_size(task, int(mind.peer.updates[k, row, now.move]), now.step)
+            common = common_with(mind, task, k, j)
+            feel(mind.peer.values[k, row], now.move, common, alpha)
+
+
+@jitable
+def common_with(mind: Any, task: Task, k: int, j: int) -> float:
+    """Return the r^C of the last step that is due to a peer, as often as it counts.
+
+    It counts for all robots that pay it, as the setting `credit` says, where questions are
+    answered. A robot that gets no answers counts its own loss alone: two that see nothing would
+    else both give way.
+    """
+    last = mind.last[k]
+    if (int(last[PARTNERS]) >> j) & 1 == 0:
+        return 0.0
+    share = share_answered(mind, task, k, int(last[CELL]), j, int(last[CELLS + j]))
+    weight = task.weights[1]
+    return float((share * weight + (1.0 - share) * min(weight, 1.0)) * last[COMMON])
+
+
+@jitable
+def feel(row: Any, b: int, common: float, alpha: float) -> None:
+    """Move a mean of r^C toward the one that was felt; the first one counts whole."""
+    if row[b] == NOT_FELT:
+        row[b] = common
+    else:
+        row[b] = toward(row[b], alpha, common)
 
 
 @jitable
@@ -472,63 +559,67 @@ def learn_from_peer(
     k: int,
     now: Transition,
     j: int,
-    x: int,
-    move: int,
-    z: int,
     z_next: int,
     common: float,
 ) -> None:
     """Learn rho_j and rho0_j of all moves in x from a step of peer j: equation (5).
 
     Args:
-        mind: the team's mind.
+        mind: the team's mind; `last` is that step.
         task: its task.
         k: the robot.
         now: the transition after that step.
         j: the peer.
-        x: the robot's cell before that step; `now.cell` is the one after it.
-        move: its move in that step.
-        z: the peer's cell before that step.
-        z_next: the peer's cell after it, z'.
+        z_next: the peer's cell after that step, z'.
         common: r^C of that step, if they interacted.
     """
+    x = int(mind.last[k, CELL])
+    move = int(mind.last[k, MOVE])
+    z = int(mind.last[k, CELLS + j])
     y = now.cell
     key = place(task, x, j, z)
-    peer = met(mind.peer, task, k, key * task.cells + z_next)
+    peer = met(mind.peer, task, k, step_of(task, x, j, z, z_next))
     given = met(mind.given, task, k, place(task, x, j, z_next))
     felt = met(mind.felt, task, k, place(task, y, j, z_next))
-    asking = met(mind.rho, task, k, 2 * key + ASKS)
-    not_asking = met(mind.rho, task, k, 2 * key + DOES_NOT_ASK)
+    asking = met(mind.rho, task, k, key)
+    not_asking = met(mind.rho0, task, k, key)
+    # Count the step.
+    mind.rho.updates[k, asking, move] += 1
     mind.peer.updates[k, peer, move] += 1
     # Of arrivals it does not know where the peer went: it counts no move that leads home.
     if mind.to[k, x, move] != task.goals[k]:
         mind.given.updates[k, given, move] += 1
         if y != x:
             mind.given.values[k, given, move] += 1.0
-    mind.felt.values[k, felt, 0] = common
-    mind.rho.updates[k, asking, move] += 1
+    mind.felt.updates[k, felt, ENDED] += 1
+    alpha = step_size(task, int(mind.felt.updates[k, felt, ENDED]), now.step)
+    feel(mind.felt.values[k, felt], 0, common, alpha)
     if y != x:
-        mind.peer.values[k, peer, move] = common
+        alpha = step_size(task, int(mind.peer.updates[k, peer, move]), now.step)
+        feel(mind.peer.values[k, peer], move, common, alpha)
+    # Learn from it.
     made = mind.rho.updates[k, asking]
     went = mind.peer.updates[k, peer]
     total = made[0] + made[1] + made[2] + made[3]
     share = (went[0] + went[1] + went[2] + went[3]) / total
     alpha = step_size(task, int(total) + 1, now.step)
+    r = felt_in(mind, task, k, j, x, z_next)
+    asks = value_asking(mind, task, k, j, x, z_next)
+    holding = find(mind.rho0, k, place(task, x, j, z_next))
     for b in range(PRIMITIVES):
         if is_known(mind.led[k, x, b], mind.tries[k, x, b]):
             out = chance_to_leave(mind, k, x, b, given)
             leaving = 0.0
             if out > 0.0:
-                leaving = out * after_leaving(mind, task, k, j, x, b, z_next, peer)
-            stays = (1.0 - out) * after_staying(mind, task, k, j, x, b, z_next, ASKS)
-            holds = (1.0 - out) * after_staying(
-                mind, task, k, j, x, b, z_next, DOES_NOT_ASK
-            )
+                leaving = out * after_leaving(mind, task, k, j, x, b, z, z_next)
+            holds = mind.u[k, x, b] + mind.rho0.values[k, holding, b]
+            stays = (1.0 - out) * (r + task.discount * asks)
+            stays0 = (1.0 - out) * (r + task.discount * holds)
             size = min(1.0, alpha * weight_of(made, went, share, b, move))
             rho = mind.rho.values[k, asking]
             rho[b] = toward(rho[b], size, leaving + stays - mind.u[k, x, b])
-            rho = mind.rho.values[k, not_asking]
-            rho[b] = toward(rho[b], size, leaving + holds - mind.u[k, x, b])
+            rho = mind.rho0.values[k, not_asking]
+            rho[b] = toward(rho[b], size, leaving + stays0 - mind.u[k, x, b])
 
 
 @jitable
@@ -540,38 +631,30 @@ def chance_to_leave(mind: Any, k: int, x: int, b: int, given: int) -> float:
 
 
 @jitable
-def after_staying(
-    mind: Any, task: Task, k: int, j: int, x: int, b: int, z_next: int, asks: int
-) -> float:
-    """Return r^C + gamma V_j(x, z') for a robot that stays in x, where its choice holds.
-
-    It goes on asking, or making move b without asking.
-    """
-    r = mind.felt.values[k, find(mind.felt, k, place(task, x, j, z_next)), 0]
-    if asks == ASKS:
-        value = value_asking(mind, task, k, j, x, z_next)
-    else:
-        row = row_of(mind.rho, task, k, x, j, z_next, DOES_NOT_ASK)
-        value = float(mind.u[k, x, b] + mind.rho.values[k, row, b])
-    return float(r + task.discount * value)
+def felt_in(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
+    """Return the mean r^C of steps that ended in y and z; 0: there was none."""
+    row = find(mind.felt, k, place(task, y, j, z))
+    r = float(mind.felt.values[k, row, 0])
+    return r if r != NOT_FELT else 0.0
 
 
 @jitable
 def after_leaving(
-    mind: Any, task: Task, k: int, j: int, x: int, b: int, z_next: int, peer: int
+    mind: Any, task: Task, k: int, j: int, x: int, b: int, z: int, z_next: int
 ) -> float:
     """Return r^C + gamma V_j(y, z') for a move that leads to another cell y.
 
-    If b was ever made with this step of the peer, r^C is that of the last time when it led out (0
-    if it never did); else that of the cells where it ends.
+    r^C is that of b with this step of the peer; if it never was felt, that of the cells where the
+    step ends.
     """
     y = int(mind.to[k, x, b])
-    if mind.peer.updates[k, peer, b] > 0:
-        r = mind.peer.values[k, peer, b]
-    else:
-        r = mind.felt.values[k, find(mind.felt, k, place(task, y, j, z_next)), 0]
     if y == task.goals[k]:
-        return float(r + arrival_value(task))
+        arrival = find(mind.peer, k, step_of(task, x, j, z, NOT_PERCEIVED))
+        r = mind.peer.values[k, arrival, b]
+        return arrival_value(task) + (r if r != NOT_FELT else 0.0)
+    r = mind.peer.values[k, find(mind.peer, k, step_of(task, x, j, z, z_next)), b]
+    if r == NOT_FELT:
+        r = felt_in(mind, task, k, j, y, z_next)
     return float(r + task.discount * value_of(mind, task, k, j, y, z_next))
 
 
@@ -602,11 +685,22 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
     mind.arrivals[k, x] = count
     alpha = step_size(task, count, now.step)
     row = mind.row[k]
-    worst(mind.rho, task, k, x, now.cells, DOES_NOT_ASK, row)
+    worst(mind.rho0, task, k, x, now.cells, row)
     for b in range(PRIMITIVES):
         mind.gain[k, x, b] = toward(mind.gain[k, x, b], alpha, row[b])
+    share = 1.0
+    for j in range(task.robots):
+        if j != k:
+            z = int(now.cells[j])
+            share = min(share, share_answered(mind, task, k, x, j, z))
+    worst(mind.rho, task, k, x, now.cells, row)
+    for b in range(PRIMITIVES):
+        size = (1.0 - share) * alpha
+        mind.blind[k, x, b] = toward(mind.blind[k, x, b], size, row[b])
+    n = move_without_answer(mind, k, x, share)
     know(mind, task, k, x, now.cells, row)
-    worth = greatest(row, PRIMITIVES) - greatest(mind.u[k, x], PRIMITIVES)
+    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[n]
+    worth = best - greatest(mind.u[k, x], PRIMITIVES)
     mind.gain[k, x, COORDINATE] = toward(mind.gain[k, x, COORDINATE], alpha, worth)
 
 
@@ -614,14 +708,13 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
 def note_step(mind: Any, task: Task, k: int, now: Transition) -> None:
     """Note a step: what the peers did in it is known after the next one."""
     last = mind.last[k]
-    last[0] = now.seen
-    last[1] = now.cell
-    last[2] = now.move
-    last[3] = now.partners
-    last[4] = task.weights[1] * now.common
-    if now.seen != 0:
-        for j in range(task.robots):
-            last[5 + j] = now.cells[j]
+    last[STEP] = now.step
+    last[CELL] = now.cell
+    last[MOVE] = now.move
+    last[PARTNERS] = now.partners
+    last[COMMON] = now.common
+    for j in range(task.robots):
+        last[CELLS + j] = now.cells[j]
 
 
 @jitable
@@ -653,7 +746,7 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     lowest = 0.0
     for j in range(task.robots):
         if j != k:
-            row = row_of(mind.rho, task, k, x, j, int(cells[j]), ASKS)
+            row = find(mind.rho, k, place(task, x, j, int(cells[j])))
             rho = mind.rho.values[k, row, way]
             if in_way < 0 or rho < lowest:
                 in_way = j

@@ -25,6 +25,7 @@ from sparse_coord_ros.core.game.rules import (
 )
 from sparse_coord_ros.core.learners.mind import with_views
 from sparse_coord_ros.core.learners.rules import (
+    NOT_PERCEIVED,
     Task,
     Transition,
     check_action,
@@ -54,6 +55,9 @@ class Run(NamedTuple):
         moves: the primitive action that it became [k].
         seen: the peers that it perceived by COORDINATE, the sum of 2^j; 0: it did not ask, or
             the percept failed [k].
+        known: the cells of all robots at the last step, as the robot that chooses or learns
+            knows them [k].
+        known_next: its knowledge of the cells now [k].
         values: space for the values of the moves after COORDINATE [move].
     """
 
@@ -68,6 +72,8 @@ class Run(NamedTuple):
     actions: Any
     moves: Any
     seen: Any
+    known: Any
+    known_next: Any
     values: Any
 
 
@@ -106,6 +112,13 @@ def begin(problem: Problem, run: Run) -> None:
         run.arrived[k] = False
     run.clock[EPISODE_START] = step
     run.clock[UNDER_WAY] = True
+
+
+@jitable
+def know(known: Any, cells: Any, k: int, seen: int) -> None:
+    """Set the cells that robot k knows: its own, and those of the peers that it sees."""
+    for j in range(len(cells)):
+        known[j] = cells[j] if j == k or (seen >> j) & 1 else NOT_PERCEIVED
 
 
 @functools.cache
@@ -178,9 +191,10 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 seen = 0
                 if action == COORDINATE:
                     seen = perceive(problem, run.keys, k, step, before)
-                    asking_values(mind, task, k, cell, seen, before, run.values)
+                    know(run.known, before, k, seen)
+                    asking_values(mind, task, k, cell, seen, run.known, run.values)
                     move = move_after_asking(
-                        mind, task, k, step, cell, seen, before, run.values
+                        mind, task, k, step, cell, seen, run.known, run.values
                     )
                     check_action(move, PRIMITIVES)
                     record.asks[row, k] += 1
@@ -213,8 +227,12 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 elif acts:
                     record.returns[row, k] += individual + common + asking
                     seen = run.seen[k]
+                    seen_next = 0
                     if task.sees_all:
                         seen = everybody_but(k, team)
+                        seen_next = seen
+                    know(run.known, before, k, seen)
+                    know(run.known_next, cells, k, seen_next)
                     met = UNKNOWN_PARTNERS
                     if wants_partners:
                         met = partners(
@@ -225,10 +243,11 @@ def loop_of(learner: Any) -> Callable[..., None]:
                         cell=before[k],
                         action=run.actions[k],
                         move=run.moves[k],
+                        answered=run.seen[k] != 0,
                         seen=seen,
-                        cells=before,
+                        cells=run.known,
                         next_cell=next_cell,
-                        next_cells=cells,
+                        next_cells=run.known_next,
                         individual=individual,
                         common=common,
                         asking=asking,

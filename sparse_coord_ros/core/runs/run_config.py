@@ -48,10 +48,6 @@ RUN_FILE = "run.yaml"
 CELLS = 250_000
 """Most free cells of a map to learn on."""
 
-SCENARIO_FILE = "scenario.yaml"
-MAP_FILE = "map.txt"
-"""The files that say what a run is: in its directory the first, in its bag all."""
-
 OWN_CLOCK = "own"
 NO_CLOCK = "none"
 """True if a run owns /clock."""
@@ -313,16 +309,6 @@ def versions() -> dict[str, str]:
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
-
-
-def bag_files(run: RunConfig, text: str) -> dict[str, str]:
-    """Return the texts that a bag of a run attaches, by their names; `text`: of its `run.yaml`."""
-    scenario = to_yaml(run.scenario.to_dict())
-    return {
-        RUN_FILE: text,
-        SCENARIO_FILE: scenario,
-        MAP_FILE: run.scenario.map.to_text(),
-    }
 
 
 def run_from_yaml(text: str, *, where: str) -> RunConfig:

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.learners.mind import (
     memory_of,
     team_mind,
 )
-from sparse_coord_ros.core.learners.rules import Task, of_run
+from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED, Task, of_run
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
 from sparse_coord_ros.core.runs.measures import TRIAL, TRIALS, Measures
@@ -227,6 +227,8 @@ def run_at(
         actions=np.zeros(team, dtype=np.int64),
         moves=np.zeros(team, dtype=np.int64),
         seen=np.zeros(team, dtype=np.int64),
+        known=np.full(team, NOT_PERCEIVED),
+        known_next=np.full(team, NOT_PERCEIVED),
         values=np.zeros(PRIMITIVES),
     )
 

@@ -18,7 +18,7 @@ from mcap.records import Attachment as AttachmentRecord
 from mcap.records import Channel, Chunk, Metadata, Schema
 
 from sparse_coord_ros.base.errors import BagError, retold
-from sparse_coord_ros.log.bags.metadata import CONTINUED_RECORD, FileSummary
+from sparse_coord_ros.log.bags.metadata import FileSummary
 from sparse_coord_ros.log.bags.records import (
     HEAD,
     LENGTH,
@@ -165,11 +165,6 @@ class BagFile:
         start_ns = min((block.start_ns for block in self.blocks), default=0)
         end_ns = max((block.end_ns for block in self.blocks), default=0)
         return FileSummary(self.path.name, dict(self.counts), start_ns, end_ns)
-
-    @property
-    def continued(self) -> Mapping[str, str] | None:
-        """How this file continues a bag (see `metadata.CONTINUED_RECORD`); None: it does not."""
-        return dict(reversed(self.metadata)).get(CONTINUED_RECORD)
 
     def extend(self) -> bool:
         """Read on to the current end of the file; return whether it has new records."""

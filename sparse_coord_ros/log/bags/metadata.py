@@ -19,10 +19,6 @@ from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 
 METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"
-CONTINUED_RECORD = "continued"
-"""Name of the metadata record of every file of a bag but the first, a further segment. Its `step`
-is the checkpoint from which the run goes on there, which supersedes all later messages of the
-files before; without `step` it supersedes none."""
 
 
 @dataclass(frozen=True)

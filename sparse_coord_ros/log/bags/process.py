@@ -85,19 +85,13 @@ class BagProcess:
         """As `BagWriter.add_topic`."""
         return self._call("add_topic", topic, type_name, qos)
 
-    def begin_file(self, says: dict[str, str]) -> None:
+    def begin_file(self) -> None:
         """As `BagWriter.begin_file`."""
-        self._call("begin_file", says)
+        self._call("begin_file")
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """As `BagWriter.add_metadata`."""
         self._call("add_metadata", name, data)
-
-    def attach(
-        self, name: str, data: bytes, media_type: str, log_time_ns: int = 0
-    ) -> None:
-        """As `BagWriter.attach`."""
-        self._call("attach", name, data, media_type, log_time_ns)
 
     def write(
         self, channel_id: int, data: bytes, log_time_ns: int, publish_time_ns: int

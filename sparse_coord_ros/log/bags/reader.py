@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import BagError, check_format
-from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD
+from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.core.runs.run_config import RUN_FILE
 from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
 from sparse_coord_ros.log.bags.layout import PARTIAL, RESCUE, being_recorded, failing
 from sparse_coord_ros.log.bags.records import MESSAGE
 from sparse_coord_ros.log.bags.topics import BagTopic
-from sparse_coord_ros.protocol.wire import CLOCK, FORMAT_KEY
+from sparse_coord_ros.protocol.wire import CLOCK
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
@@ -70,11 +70,6 @@ class Bag:
                     what = f"topic {topic.name} has another definition than in the file before"
                     remedy = "these are no parts of one bag; name one"
                     raise BagError(f"{file.path}: {what}: {remedy}")
-        run = self.metadata.get(RUN_RECORD)
-        if run is not None:
-            said = run.get(FORMAT_KEY, "")
-            number = int(said) if said.isdecimal() and len(said) < 9 else said
-            check_format(number, str(self.path), BagError)
 
     @property
     def finished(self) -> bool:
@@ -325,7 +320,7 @@ def _begun(file: Path) -> bool:
         return False
     bag = open_bag(file, checked=False)
     bag.close()
-    return bool(bag.topics or bag.attachments or bag.metadata)
+    return bool(bag.files[0].blocks)
 
 
 _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")

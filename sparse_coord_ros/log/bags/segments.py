@@ -3,7 +3,7 @@
 """The segments of a bag, chained: each is cut where the next one begins.
 
 A team that goes back to a checkpoint makes some time steps again. The recorder then begins another
-file of the bag, a segment, with a record of the checkpoint's time step. What earlier segments have
+file of the bag, a segment, with the run at the checkpoint's time. What earlier segments have
 from that time step on is superseded.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.bags.reader import Bag, Message
-from sparse_coord_ros.protocol.wire import LOCAL_STATE
+from sparse_coord_ros.protocol.wire import LOCAL_STATE, RUN
 from sparse_coord_ros.protocol.wire.frame import SECOND
 
 NO_BEGIN = -1
@@ -24,11 +24,16 @@ FAR = 2**40
 
 
 def begins(bag: Bag) -> list[int]:
-    """Return for each file of a bag the checkpoint at which it begins, or `NO_BEGIN`."""
+    """Return for each file of a bag the checkpoint at which it begins, or `NO_BEGIN`.
+
+    A segment begins with the run, at the time of the checkpoint.
+    """
+    period = round(RunConfig.step_period * SECOND)
+    topics = [one for one in bag.topics if one.endswith(f"/{RUN.name}")]
     found = []
-    for file in bag.files:
-        step = (file.continued or {}).get("step", "")
-        found.append(int(step) if step.isdecimal() else NO_BEGIN)
+    for place in range(len(bag.files)):
+        run = next(bag.messages(topics, [place]), None) if place else None
+        found.append(NO_BEGIN if run is None else run.log_time_ns // period)
     return found
 
 

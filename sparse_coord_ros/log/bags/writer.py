@@ -11,7 +11,6 @@ from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.log.bags.layout import create_bag_file, write_text
 from sparse_coord_ros.log.bags.metadata import (
-    CONTINUED_RECORD,
     METADATA_FILE,
     METADATA_RECORD,
     FileSummary,
@@ -33,7 +32,7 @@ class BagWriter:
     """Writes one bag: a new directory `<name>` with `<name>_0.mcap` and `metadata.yaml`.
 
     Further files follow by `begin_file`, or if an earlier bag is continued: `<name>_1.mcap` and so
-    on, each with the metadata record `continued`.
+    on.
 
     Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
     handed to the operating system as soon as it is full, and by `flush`: a bag that is never
@@ -44,7 +43,6 @@ class BagWriter:
         directory: the bag's directory, made here with its parents; must not exist.
         chunk_size: bytes of uncompressed messages after which a chunk is written.
         earlier: the bag in that directory that the writer continues (`reader.continued`).
-        says: what the first further file says, see `begin_file`.
 
     Raises:
         BagError: directory or file cannot be made.
@@ -56,7 +54,6 @@ class BagWriter:
         *,
         chunk_size: int = DEFAULT_CHUNK_SIZE,
         earlier: Bag | None = None,
-        says: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
         self._chunk_size = chunk_size
@@ -76,12 +73,12 @@ class BagWriter:
         self._bytes_before = self._messages_before = 0
         self._channels: dict[str, int] = {}
         self._topics: dict[str, BagTopic] = {}
-        self._start_file(None if earlier is None else says or {})
+        self._start_file(new=earlier is None)
 
-    def _start_file(self, says: Mapping[str, str] | None) -> None:
-        """Begin a file, with the known channels; None: the bag's first file."""
+    def _start_file(self, *, new: bool) -> None:
+        """Begin a file, with the known channels; `new`: the bag's first file."""
         self._file_name = f"{self._stem}_{self._number}.mcap"
-        self._file = create_bag_file(self._directory, self._file_name, new=says is None)
+        self._file = create_bag_file(self._directory, self._file_name, new=new)
         self._writer = Writer(
             self._file,  # type: ignore[arg-type]  # Writer uses only write, tell and flush
             chunk_size=self._chunk_size,
@@ -96,14 +93,9 @@ class BagWriter:
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
         for topic in self._topics.values():
             self._register(topic)
-        if says is not None:
-            self._writer.add_metadata(CONTINUED_RECORD, dict(says))
 
-    def begin_file(self, says: Mapping[str, str]) -> None:
+    def begin_file(self) -> None:
         """End the file and begin the next.
-
-        Args:
-            says: texts of its metadata record `continued`; see `metadata.CONTINUED_RECORD`.
 
         Raises:
             BagError: writing failed, or the bag is closed.
@@ -113,7 +105,7 @@ class BagWriter:
         self._bytes_before += self._file.tell()
         self._messages_before += sum(self._counts.values())
         self._number += 1
-        self._start_file(says)
+        self._start_file(new=False)
 
     @property
     def message_count(self) -> int:
@@ -207,18 +199,6 @@ class BagWriter:
         """
         self._file.check_usable()
         self._writer.add_metadata(name, dict(data))
-
-    def attach(
-        self, name: str, data: bytes, media_type: str, log_time_ns: int = 0
-    ) -> None:
-        """Add a file as an attachment, for example a scenario as `application/yaml`.
-
-        Raises:
-            BagError: writing failed, or the bag is closed.
-        """
-        self._file.check_usable()
-        # The creation time stays 0, "not available": the bytes must not depend on the clock.
-        self._writer.add_attachment(0, log_time_ns, name, media_type, data)
 
     def flush(self) -> None:
         """End the current chunk and hand it to the operating system, without fsync.

@@ -11,7 +11,6 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.learners.mind import Memory, memory_before
 from sparse_coord_ros.core.runs.tables import saved_arrays
-from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.difference import (
     Difference,
     Finding,
@@ -19,6 +18,7 @@ from sparse_coord_ros.log.runlog.difference import (
     first_entry,
 )
 from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.messages import action_numbers

@@ -5,10 +5,9 @@
 from contextlib import suppress
 from typing import NamedTuple
 
-from sparse_coord_ros.base.errors import BagError, SparseCoordError
+from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.core.runs import run_config
-from sparse_coord_ros.core.runs.run_config import RUN_FILE, RUN_RECORD, RunConfig
-from sparse_coord_ros.log.bags.contents import Attachment
+from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.bags.reader import Bag
 from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.protocol.wire import RUN
@@ -44,22 +43,10 @@ def find_run(bag: Bag) -> BagRun:
     said = None
     with suppress(ValueError, StopIteration):
         said = str(Decoder(bag.topics)(*next(bag.messages(topics))[:2]).data)
-    attached = (_text(one) for one in bag.attachments if one.name == RUN_FILE)
-    text = next(attached, None) if said is None else said
-    if text is None:
+    if said is None:
         damage = "" if bag.damage is None else f"; {bag.damage}"
-        none = f"neither a {RUN.type_name} on the topic '{RUN.name}'"
-        why = f"it holds no run of this software ({none} nor the attachment {RUN_FILE}{damage})"
+        none = f"no {RUN.type_name} on the topic '{RUN.name}'"
+        why = f"it holds no run of this software ({none}{damage})"
         raise BagError(f"{no_run}: {why}; {REMEDY}")
-    prefix = topics[0].removesuffix(RUN.name) if topics else "/"
-    try:
-        run = run_config.run_from_yaml(text, where=f"{bag.path} (run)")
-    except SparseCoordError as error:
-        if not bag.metadata.get(RUN_RECORD):
-            raise BagError(f"{no_run}: {error}") from None
-        raise
-    return BagRun(run, prefix)
-
-
-def _text(attachment: Attachment) -> str:
-    return attachment.data.decode(errors="replace")
+    run = run_config.run_from_yaml(said, where=str(bag.path))
+    return BagRun(run, topics[0].removesuffix(RUN.name))

@@ -9,8 +9,8 @@ import numpy as np
 
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.explain import Reason, reason_of
+from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.log.runlog.window import MOVES, LongLog
 from sparse_coord_ros.protocol import wire

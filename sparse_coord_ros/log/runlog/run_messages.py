@@ -9,11 +9,11 @@ import numpy as np
 
 from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.reader import Bag, open_bag
-from sparse_coord_ros.log.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.log.runlog.bag_run import BagRun, find_run
 from sparse_coord_ros.log.runlog.columns import Columns, Forms, Only, Reading
 from sparse_coord_ros.log.runlog.dialogue import put_together
 from sparse_coord_ros.log.runlog.difference import Difference
+from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables, recorded_tables
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RunState, messages
 from sparse_coord_ros.protocol.wire.events import event_form
@@ -37,7 +37,7 @@ class Series(NamedTuple):
 
 
 class RunMessages:
-    """A bag's messages of a run, sorted; without its attachments, which `add_tables` reads.
+    """A bag's messages of a run, sorted; without the tables, which `add_tables` reads.
 
     Args:
         bag: the bag, or a part of one.
@@ -55,7 +55,7 @@ class RunMessages:
         coordination_maps: time steps and rows of each robot's maps, with the grid's `data`.
         statuses: the world's statuses, in the order of the log.
         requests: the dialogue.
-        tables: the attached tables.
+        tables: the robots' tables.
         problems: unreadable messages and tables, and messages of a time step that contradict each
             other.
     """
@@ -121,8 +121,8 @@ class RunMessages:
         return Difference(step, None if robot is None else self.names[robot], *words)
 
     def add_tables(self) -> None:
-        """Read the attached tables."""
-        self.tables, problems = read_tables(self.bag, self.run)
+        """Read the robots' tables."""
+        self.tables, problems = recorded_tables(self.bag, self.run, self._prefix)
         self.problems += problems
 
     def of_robot(self, k: int) -> tuple[Series, Series, Series, Series]:

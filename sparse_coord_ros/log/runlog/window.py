@@ -10,16 +10,20 @@ import numpy as np
 
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags import segments
-from sparse_coord_ros.log.bags.contents import Attachment, Block
+from sparse_coord_ros.log.bags.contents import Block
 from sparse_coord_ros.log.bags.reader import Bag, open_bag
-from sparse_coord_ros.log.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.recorded_tables import (
+    RecordedTables,
+    opened,
+    saved_tables,
+)
 from sparse_coord_ros.log.runlog.run_messages import RunMessages
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.tables import SavedTables
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """The topics from which the history is computed."""
@@ -105,6 +109,8 @@ class LongLog:
         self.run: RunConfig = self._source.run
         self.period = Frame(self.run).period
         self._ends = segments.ends(segments.begins(self.bag))
+        self._known: list[dict[int, SavedTables]] = []
+        self._known_size = -1
 
     @property
     def blocks(self) -> list[Block]:
@@ -202,10 +208,7 @@ class LongLog:
         at = max((at for at in known if step is None or at <= step), default=None)
         if at is None:
             return None
-        place = known[at]
-        [saved] = unpack_saved(place.data, [robot + 1], where=place.name)
-        tables = tables_of(self.run.scenario, self.run.known_rule, robot, saved.memory)
-        return RecordedTables(robot, at, tables, saved.counts, saved.arrays)
+        return opened(self.run, robot, known[at])
 
     @property
     def empty(self) -> bool:
@@ -221,9 +224,13 @@ class LongLog:
         """Return for each robot the time steps of its tables."""
         return [sorted(known) for known in self._known_tables()]
 
-    def _known_tables(self) -> list[dict[int, Attachment]]:
-        """Return for each robot its tables' attachments, by time step; of equal steps the last."""
-        known: list[dict[int, Attachment]] = [{} for _ in self.run.scenario.robots]
-        for k, step, attachment in attached_tables(self.bag, self.run):
-            known[k][step] = attachment
-        return known
+    def _known_tables(self) -> list[dict[int, SavedTables]]:
+        """Return each robot's tables, by time step; of equal steps the last."""
+        size = sum(file.size for file in self.bag.files)
+        if size != self._known_size:
+            known: list[dict[int, SavedTables]] = [{} for _ in self.run.scenario.robots]
+            for k, said in saved_tables(self.bag, self.run, self._source.prefix):
+                known[k][said.step] = said
+            self._known = known
+            self._known_size = size
+        return self._known

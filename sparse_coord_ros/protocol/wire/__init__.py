@@ -183,8 +183,8 @@ COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=T
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED, recorded=False)
 """A report of a robot or the recorder on its checkpoints, and on the attempt that it has begun."""
 
-TABLES = Topic("tables", _BYTES, ROBOT, _TABLES, recorded=False)
-"""A robot's tables, as the bytes of an .npz file; the recorder attaches them to the bag."""
+TABLES = Topic("tables", _BYTES, ROBOT, _TABLES)
+"""A robot's tables, as the bytes of an .npz file."""
 
 _EVENTS = (
     f"{ACTIVE_PERCEPTION.name}/_service_event",
@@ -223,15 +223,6 @@ PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All topics, in the order above."""
 
-TABLES_FOLDER = "tables/"
-"""The prefix of the names of a bag's attached tables."""
-
-
-def tables_attachment(robot: str, step: int | str) -> str:
-    """Return the name of the attachment of a robot's tables of a time step."""
-    return f"{TABLES_FOLDER}{robot}_{step}.npz"
-
-
 WORLD = "world_simulator"
 RECORDER = "recorder"
 """Roles, and the names of their nodes unless they are renamed. The world is the node that
@@ -256,9 +247,6 @@ COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step
 """The numbers stored beside a robot's tables: percepts by their ends; requests repeated as the
 peer was behind; transitions without learning as no reward came; updates; the time step of the
 tables."""
-
-FORMAT_KEY = "format"
-"""The key of the format's number in a bag's metadata record."""
 
 
 class RunState(StrEnum):

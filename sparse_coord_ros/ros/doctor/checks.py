@@ -4,7 +4,6 @@
 
 import os
 import platform
-import shutil
 from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
@@ -14,7 +13,13 @@ from sparse_coord_ros.base import compiling
 from sparse_coord_ros.base.errors import RunError, message_of
 from sparse_coord_ros.base.share import PACKAGE, share_folder
 from sparse_coord_ros.base.version import __version__
-from sparse_coord_ros.ros.nodes.environment import DOMAIN, PROFILES, RANGE, ros_domain
+from sparse_coord_ros.ros.nodes.environment import (
+    DOMAIN,
+    PEERS,
+    PROFILES,
+    RANGE,
+    ros_domain,
+)
 
 FINE = "ok"
 HINT = "hint"
@@ -28,11 +33,8 @@ RANGES = {
 }
 """The ranges in which nodes find each other."""
 
-ALSO = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", PROFILES)
+ALSO = ("ROS_LOCALHOST_ONLY", PEERS, "ROS_DISCOVERY_SERVER", PROFILES)
 """Further variables that decide which nodes hear each other."""
-
-PARTICIPANT = 600_000
-"""Bytes of shared memory of a process with ROS: its segment, and a port."""
 
 
 class Finding(NamedTuple):
@@ -115,27 +117,3 @@ def discovery(variables: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     for name in ALSO:
         if variables.get(name):
             yield Finding(FINE, "discovery", f"{name} is {variables[name]}")
-
-
-def shared_memory(folder: Path = Path("/dev/shm")) -> Iterator[Finding]:
-    """Check the shared memory that connects nodes on one machine.
-
-    Args:
-        folder: its directory.
-    """
-    from sparse_coord_ros.ros.nodes.shared_memory import leftovers
-
-    if not folder.is_dir():
-        return
-    left = leftovers(folder)
-    free = shutil.disk_usage(folder).free
-    if left:
-        text = f"{len(left)} files of processes that are gone in {folder}"
-        remedy = "harmless until it is full; the next node that starts removes them"
-        yield Finding(HINT, "shared memory", text, remedy)
-    if free < 16 * PARTICIPANT:
-        text = (
-            f"{folder} has {free / 1e6:.0f} MB free; each process with ROS takes 0.6 MB"
-        )
-        remedy = "remove leftovers, or give a container more (docker run --ipc=host)"
-        yield Finding(HINT, "shared memory", text, remedy)

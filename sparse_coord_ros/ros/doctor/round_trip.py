@@ -16,10 +16,11 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.ros.doctor.checks import FINE, HINT, WRONG, Finding
-from sparse_coord_ros.ros.nodes.environment import PROFILES, RANGE, SECURITY
+from sparse_coord_ros.ros.nodes.environment import PEERS, PROFILES, RANGE, SECURITY
 
 SECONDS = 8.0
 """How long the asker waits for an answer."""
@@ -28,18 +29,10 @@ START_SECONDS = 20.0
 """How long the import of rclpy may take in addition, on a slow machine."""
 
 GRACE_SECONDS = 5.0
-"""How long a process may take to end: a killed one leaves files in shared memory."""
+"""How long a process may take to end."""
 
 TESTED_MIDDLEWARE = "rmw_fastrtps_cpp"
 """The middleware that this package is tested with."""
-
-TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
-
-OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
-    (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
-    (RANGE, "LOCALHOST", "multicast does not work here, or discovery is turned off"),
-)
-"""Remedies to try without an answer, and the cause that each would show."""
 
 SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
 """Variables whose wrong values prevent ROS from starting, or nodes from connecting."""
@@ -64,22 +57,30 @@ def findings() -> Iterator[Finding]:
             FINE if known else HINT, "ROS 2", f"rclpy with {said['rmw']}", remedy
         )
     if "round_trip" in said:
-        text = f"two processes exchanged messages in {said['round_trip']:.1f} s"
-        yield Finding(FINE, "round trip", text)
+        yield _connected(said)
         return
     text = said.get("problem", "two processes on this machine do not reach each other")
     remedy = (
         f"see the findings above; unset {', '.join(SUSPECTS)}; stop the firewall to try"
     )
-    if "problem" not in said:
-        for name, value, meaning in OTHER_WAYS:
-            if os.environ.get(name) != value and "round_trip" in round_trip(
-                {name: value}
-            ):
-                text = meaning
-                remedy = f"export {name}={value}, or mend it"
-                break
+    if "problem" not in said and os.environ.get(RANGE) != "LOCALHOST":
+        if "round_trip" in round_trip({RANGE: "LOCALHOST"}):
+            text = "multicast does not work here, or discovery is turned off"
+            remedy = f"export {RANGE}=LOCALHOST, or mend it"
     yield Finding(WRONG, "round trip", text, remedy)
+
+
+def _connected(said: Mapping[str, Any]) -> Finding:
+    """Say how long a round trip took, and by which transport."""
+    way = "shared memory" if said["shared_memory"] else "UDP"
+    text = f"two processes exchanged messages by {way} in {said['round_trip']:.1f} s"
+    if not said["shared_memory"]:
+        return Finding(FINE, "round trip", text)
+    remedy = (
+        f"unset {PROFILES} and {PEERS}, so that nodes use UDP: with shared memory one process "
+        "that stands still slows all"
+    )
+    return Finding(HINT, "round trip", text, remedy)
 
 
 def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -89,8 +90,9 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
         changes: environment variables to change.
 
     Returns:
-        `rmw`, and `round_trip`, the seconds until the first answer, if one came; or `missing`, why
-        rclpy cannot be imported; or `problem`.
+        `rmw`; `round_trip`, the seconds until the first answer, if one came; `shared_memory`,
+        whether a process of Fast DDS uses it. Or `missing`, why rclpy cannot be imported; or
+        `problem`.
     """
     name = f"sparse_coord_doctor_{os.getpid()}"
     env = {**os.environ, **(changes or {})}
@@ -120,6 +122,15 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.communicate()
+
+
+def uses_shared_memory() -> bool:
+    """Return whether Fast DDS has mapped shared memory into this process; Linux only."""
+    try:
+        maps = Path("/proc/self/maps").read_text()
+    except OSError:
+        return False
+    return "/dev/shm/fastrtps_" in maps or "/dev/shm/fastdds_" in maps
 
 
 def main(role: str, name: str) -> int:
@@ -154,6 +165,7 @@ def main(role: str, name: str) -> int:
         if asks:
             said: dict[str, Any] = {"rmw": rclpy.get_rmw_implementation_identifier()}
             said |= {"round_trip": time.monotonic() - began} if heard else {}
+            said["shared_memory"] = uses_shared_memory()
             print(json.dumps(said), flush=True)
         executor.shutdown()
         node.destroy_node()

@@ -5,35 +5,16 @@
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.share import share_folder
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
-
-
 DOMAIN = "ROS_DOMAIN_ID"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-MOST_PARTICIPANTS = 32
-"""Number of participants that find each other with the range LOCALHOST: rmw_fastrtps looks for the
-first 32 of a domain (maxInitialPeersRange)."""
-
-
-def check_participants(count: int) -> None:
-    """Refuse to start more processes than can find each other on this machine.
-
-    Raises:
-        RunError: they are too many for the discovery range.
-    """
-    if os.environ.get(RANGE, "").upper() == "LOCALHOST" and count > MOST_PARTICIPANTS:
-        raise RunError(
-            f"{count} nodes in processes of their own: with {RANGE}=LOCALHOST at most "
-            f"{MOST_PARTICIPANTS} find each other; use {RANGE}=SUBNET, or leave out --processes"
-        )
-
-
+PEERS = "ROS_STATIC_PEERS"
 LAST_DOMAIN = 232
 """The last domain that has ports of DDS."""
 
@@ -76,31 +57,19 @@ def check_security() -> None:
         )
 
 
-def repair_promptly() -> None:
-    """Let Fast DDS offer a lost message again after 10 ms; its own period is 3 s.
+def use_udp(variables: MutableMapping[str, str] = os.environ) -> None:
+    """Let the nodes of this process talk by UDP, as `config/fastdds.xml` says.
 
-    On a busy machine its shared memory drops messages, and networks lose frames. In a short run
-    the repeats would come after the end, or after they were overwritten. The profiles also
-    let a reader hear a writer of its own process that has written much: see `config/fastdds.xml`.
-    Profiles that the user has chosen stay, and other middlewares ignore this setting. Profiles in
-    the current directory are skipped: Fast DDS would load them without a request, and they may
-    name any file to write.
+    With shared memory, Fast DDS's default, one process that stands still slows the whole team, and
+    may hear nothing any more. In the range LOCALHOST rmw_fastrtps ignores the transports of
+    profiles. So the range becomes SYSTEM_DEFAULT, and `config/fastdds_localhost.xml` stays on this
+    machine. Profiles that the user has chosen stay. Other middlewares ignore these settings.
     """
-    os.environ["SKIP_DEFAULT_XML_FILE"] = "1"
-    os.environ.setdefault(PROFILES, _profiles("fastdds.xml"))
-
-
-def one_host() -> dict[str, str]:
-    """Return the environment for processes of a team that are all on this machine.
-
-    Every reader answers each offer. Where no network loses messages, offers every 10 ms cost more
-    than they save, so the period here is 50 ms. Profiles that the user has chosen stay.
-    """
-    chosen = os.environ.get(PROFILES, _profiles("fastdds.xml"))
-    if chosen == _profiles("fastdds.xml"):
-        chosen = _profiles("fastdds_one_host.xml")
-    return {**os.environ, PROFILES: chosen}
-
-
-def _profiles(name: str) -> str:
-    return str(share_folder("config") / name)
+    if PROFILES in variables:
+        return
+    profiles = "fastdds.xml"
+    # SYSTEM_DEFAULT would ignore peers
+    if variables.get(RANGE, "").upper() == "LOCALHOST" and not variables.get(PEERS):
+        profiles = "fastdds_localhost.xml"
+        variables[RANGE] = "SYSTEM_DEFAULT"
+    variables[PROFILES] = str(share_folder("config") / profiles)

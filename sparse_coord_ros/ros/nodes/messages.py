@@ -186,18 +186,6 @@ def tables_message(
     return message
 
 
-def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str, str]:
-    """Return (data, step, occasion, attempt) of a message of `tables_message`.
-
-    Raises:
-        ValueError: the message has another layout.
-    """
-    labels = [dimension.label for dimension in message.layout.dim]
-    if len(labels) != 3 or labels[0] != "npz":
-        raise ValueError(f"has the dimensions {labels}, not npz, occasion and attempt")
-    return message.data.tobytes(), message.layout.dim[1].size, labels[1], labels[2]
-
-
 def status(
     name: str, message: str, values: Mapping[str, object], *, warn: bool = False
 ) -> DiagnosticStatus:

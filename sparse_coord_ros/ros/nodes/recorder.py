@@ -17,16 +17,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
-from sparse_coord_ros.base.version import FORMAT
-from sparse_coord_ros.core.runs.run_config import (
-    MAP_FILE,
-    RUN_RECORD,
-    RunConfig,
-    bag_files,
-)
+from sparse_coord_ros.core.runs.run_config import RUN_RECORD, RunConfig
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.reader import Bag, continued
+from sparse_coord_ros.log.runlog.bag_run import find_run
+from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.frame import SECOND
@@ -38,9 +34,10 @@ from sparse_coord_ros.protocol.wire.status import (
     RunStatus,
     read_progress,
 )
+from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, read_tables_message, status
+from sparse_coord_ros.ros.nodes.messages import Converter, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
@@ -57,13 +54,11 @@ LAG_STEPS = 1000
 
 
 class RobotTables(NamedTuple):
-    """A robot's tables, as `read_tables_message` gives them."""
+    """A message on a robot's tables, and its bytes."""
 
     robot: str
-    packed: bytes
-    step: int
-    occasion: str
-    attempt: str
+    said: SavedTables
+    data: bytes
 
 
 class Recording:
@@ -114,7 +109,7 @@ class Recording:
         self._state_ns: dict[str, int] = {}  # of each robot's newest local state
         self._tables: list[RobotTables] = []  # they wait
         # The robots whose tables are in the segment, by the tables' time step.
-        self._attached: dict[int, set[str]] = {}
+        self._written: dict[int, set[str]] = {}
 
     # Segments.
 
@@ -135,41 +130,38 @@ class Recording:
         return all(begun) and quiet and self._finds_robots()
 
     def _begin(self) -> None:
-        """Begin a segment: the run and its files, then the robots' tables."""
+        """Begin a segment: the run at the time of the checkpoint, then the robots' tables."""
         bag = self.bag
         if self.attempt != NO_ATTEMPT:
-            bag.begin_file(further(self._order))
+            bag.begin_file()
         self.attempt = self._order.attempt
         step = self._order.checkpoint
         self.now_ns = self.said_ns = step * self.convert.period
-        run_text = self.run.to_yaml()
-        record = {**self.run.record(), wire.FORMAT_KEY: str(FORMAT)}
-        bag.add_metadata(RUN_RECORD, record)
-        for name, text in bag_files(self.run, run_text).items():
-            kind = "text/plain" if name == MAP_FILE else "application/yaml"
-            bag.attach(name, text.encode(), kind)
+        bag.add_metadata(RUN_RECORD, self.run.record())
         channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
-        message = serialize_message(String(data=run_text))
+        message = serialize_message(String(data=self.run.to_yaml()))
         bag.write(channel, message, self.now_ns, self.now_ns)
         self._open = True
         self._state_ns.clear()
-        self._attached.clear()
+        self._written.clear()
         before = [one for one in self._node.checkpoints if one < step]
         self._node.checkpoints = [*before, step]
-        self._tables = [one for one in self._tables if one.attempt == self.attempt]
-        self._attach_tables()
+        attempt = self.attempt
+        self._tables = [one for one in self._tables if one.said.attempt == attempt]
+        self._write_tables()
         self.flush()
         self._node.say_progress(self.attempt)
 
-    def hear_tables(self, robot: str, said: tuple[bytes, int, str, str]) -> None:
+    def hear_tables(self, robot: str, heard: tuple[SavedTables, bytes]) -> None:
         """Keep a robot's tables until they are due."""
         self.heard = time.monotonic()
-        self._tables.append(RobotTables(robot, *said))
-        if said[2] == wire.Occasion.FINAL:
+        one = RobotTables(robot, *heard)
+        self._tables.append(one)
+        if one.said.occasion == wire.Occasion.FINAL:
             self.final.add(robot)
 
-    def _attach_tables(self, *, ending: bool = False) -> None:
-        """Attach the tables that are due: the bag then holds everything before their time step.
+    def _write_tables(self, *, ending: bool = False) -> None:
+        """Write the tables that are due: the bag then holds everything before their time step.
 
         With the tables of all robots a time step is a checkpoint of this recorder.
 
@@ -183,32 +175,43 @@ class Recording:
         due: list[RobotTables] = []
         waiting: list[RobotTables] = []
         for one in self._tables:
-            complete = one.step * self.convert.period <= heard_ns
-            begins = one.occasion == wire.Occasion.BEGIN
+            said = one.said
+            complete = said.step * self.convert.period <= heard_ns
+            begins = said.occasion == wire.Occasion.BEGIN
             # those of another attempt belong to an order that has not come yet
-            there = one.attempt == self.attempt and (complete or begins or ending)
+            there = said.attempt == self.attempt and (complete or begins or ending)
             (due if there else waiting).append(one)
         self._tables = waiting
+        for one in due:
+            self._write_down(one)
         if due:
             self.flush()
-        for one in due:
-            self._attach(one)
+            self._note_checkpoints()
 
     def end(self) -> None:
-        """Attach the last tables; no further messages come."""
-        self._attach_tables(ending=True)
+        """Write the last tables; no further messages come."""
+        self._write_tables(ending=True)
 
-    def _attach(self, one: RobotTables) -> None:
-        """Attach a robot's tables, each only once."""
-        robots = self._attached.setdefault(one.step, set())
+    def _write_down(self, one: RobotTables) -> None:
+        """Write a robot's tables, those of a time step only once."""
+        step = one.said.step
+        robots = self._written.setdefault(step, set())
         if one.robot in robots:
             return
         robots.add(one.robot)
-        name = wire.tables_attachment(one.robot, one.step)
-        self.bag.attach(name, one.packed, "application/x-npz", self.now_ns)
-        of_all = robots == self._attached.get(self._order.checkpoint)
-        if of_all and one.step > self._node.checkpoints[-1]:
-            self._node.checkpoints.append(one.step)
+        topic = ros_topics.TABLES
+        channel = self._channel(topic, topic.of(one.robot))
+        at = step * self.convert.period
+        self.bag.write(channel, one.data, at, at)
+
+    def _note_checkpoints(self) -> None:
+        """Tell the world the time steps with the tables of all robots that have any."""
+        known = self._node.checkpoints
+        everyone = self._written.get(self._order.checkpoint)
+        steps = [step for step, robots in self._written.items() if robots == everyone]
+        new = sorted(step for step in steps if step > known[-1])
+        if new:
+            known += new
             self._node.say_progress(self.attempt)
 
     def _later(self, at: int, name: str) -> int:
@@ -252,13 +255,12 @@ class Recording:
                 self._record(topic, "")
         for robot in self.run.scenario.robots:
             for topic in of_robot:
-                self._record(topic, robot.name)
-            attach = partial(self.hear_tables, robot.name)
+                if topic is not ros_topics.TABLES:
+                    self._record(topic, robot.name)
+            hear = partial(self.hear_tables, robot.name)
             tables = ros_topics.TABLES
-            qos = ros_topics.recorder_qos(ros_topics.TABLES)
-            node.subscriber.listen(
-                tables, attach, robot.name, read=read_tables_message, qos=qos
-            )
+            qos = ros_topics.recorder_qos(tables)
+            node.subscriber.listen(tables, hear, robot.name, unpack=read_bytes, qos=qos)
             begun = partial(self._on_progress, robot.name)
             node.subscriber.listen(
                 ros_topics.PROGRESS, begun, robot.name, read=read_progress
@@ -343,7 +345,7 @@ class Recording:
         """Begin a segment where it is due; note new messages, flush waiting ones."""
         if self._order.attempt != self.attempt and self._ready(now):
             self._begin()
-        self._attach_tables()
+        self._write_tables()
         if self._count:
             self._count = 0
             self.heard = now
@@ -395,28 +397,10 @@ class Recording:
             self._report("recording", values)
 
 
-def further(order: Order) -> dict[str, str]:
-    """Return what a further file of a bag says of the order with which it begins."""
-    return {"step": str(order.checkpoint)}
-
-
-def checkpoints_in(bag: Bag) -> list[int]:
-    """Return the time steps before which a bag holds everything.
-
-    These are the steps with attached tables of all robots that have any, in the bag's segments.
-    """
-    robots: dict[int, set[str]] = {}
-    for attachment in bag.attachments:
-        if not attachment.name.startswith(wire.TABLES_FOLDER):
-            continue
-        name = attachment.name.removeprefix(wire.TABLES_FOLDER).removesuffix(".npz")
-        robot, _, text = name.rpartition("_")
-        step = int(text)
-        # a segment replaces all later steps of the segments before
-        robots = {one: names for one, names in robots.items() if one <= step}
-        robots.setdefault(step, set()).add(robot)
-    everyone = set().union(*robots.values())
-    return [step for step, names in robots.items() if names == everyone]
+def read_bytes(data: bytes) -> tuple[SavedTables, bytes]:
+    """Return a message on a robot's tables, and its bytes; an invalid one raises."""
+    message = deserialize_message(data, ros_topics.TABLES.type)
+    return read_tables(message), bytes(data)
 
 
 class Recorder(Follower):
@@ -491,12 +475,13 @@ class Recorder(Follower):
         if self.values["resume"]:
             self._earlier = continued(self.directory)
         if self._earlier is not None:
-            if self._earlier.metadata.get(RUN_RECORD, {}).get("id") != run.id:
+            found = find_run(self._earlier)
+            if found.run.id != run.id:
                 remedy = "choose another one for parameter 'out'"
                 raise RunError(
                     f"{self.directory}: holds the recording of another run; {remedy}"
                 )
-            self.checkpoints = checkpoints_in(self._earlier)
+            self.checkpoints = checkpoints_in(self._earlier, *found)
         self.say_progress(NO_ATTEMPT)
 
     def go_on(self, now: float) -> None:
@@ -514,7 +499,7 @@ class Recorder(Follower):
             return
         assert self.run is not None
         bag = (BagWriter if self.direct is None else BagProcess)(
-            self.directory, earlier=self._earlier, says=further(said.order)
+            self.directory, earlier=self._earlier
         )
         # a broken one stays unfinished
         self.at_end.enter_context(contextlib.suppress(BagError))

@@ -28,11 +28,10 @@ from sparse_coord_ros.base.signals import STOPPING
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.environment import (
     check_security,
-    repair_promptly,
     ros_domain,
+    use_udp,
 )
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.ros.nodes.shared_memory import leftovers
 
 READERS_SECONDS = 3.5
 """How long the last messages may take: with a user's own profiles, Fast DDS offers lost ones again
@@ -115,7 +114,7 @@ def signals() -> Iterator[Stop]:
 
 @contextmanager
 def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
-    """Open a ROS context of its own, without ROS's signal handlers; see `repair_promptly` too.
+    """Open a ROS context of its own, without ROS's signal handlers; it talks by UDP: `use_udp`.
 
     Args:
         args: the command line: a program's name, then `--ros-args`; None: no arguments.
@@ -123,10 +122,9 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     Raises:
         RunError: other arguments, or such that ROS cannot read.
     """
-    repair_promptly()
+    use_udp()
     check_security()
     ros_domain()  # an error now, in one line
-    leftovers(remove=True)  # of killed processes
     context = Context()
     words = list(args or ())
     try:

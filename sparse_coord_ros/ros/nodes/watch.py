@@ -35,9 +35,10 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, SelfReport, services
 from sparse_coord_ros.protocol.wire.status import RunStatus
+from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, read_run, read_tables_message
+from sparse_coord_ros.ros.nodes.messages import Converter, read_run
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.show.page.controls import (
@@ -566,10 +567,11 @@ class HeardTeam:
 
     def _read_tables(self, k: int, message: UInt8MultiArray) -> tuple[int, Tables]:
         """Return a robot's tables in a message, and their time step."""
-        data, step, *_ = read_tables_message(message)
-        [saved] = unpack_saved(data, [k + 1], where=ros_topics.TABLES.name)
+        said = read_tables(message)
+        [saved] = unpack_saved(said.packed, [k + 1], where=ros_topics.TABLES.name)
         run = self._run
-        return step, tables_of(run.scenario, run.known_rule, k, saved.memory)
+        tables = tables_of(run.scenario, run.known_rule, k, saved.memory)
+        return said.step, tables
 
     def _on_tables(self, k: int, said: tuple[int, Tables]) -> None:
         if k not in self.tables or said[0] >= self.tables[k][0]:

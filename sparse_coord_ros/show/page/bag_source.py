@@ -17,8 +17,8 @@ from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.runs.history import blank_history, concatenated
 from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
-from sparse_coord_ros.log.runlog.attached import RecordedTables
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
+from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion, Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP

@@ -333,10 +333,10 @@ def test_where_no_question_was_heard_of_the_page_says_since_when(record):
 
 
 def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewritten):
-    def ours(attached):
-        return [one for one in attached if "robot_1" not in one.name]
+    def ours(messages):
+        return [one for one in messages if one.topic != "/robot_1/tables"]
 
-    player = Player(rewritten(bag, tmp_path / "own", attach=ours))
+    player = Player(rewritten(bag, tmp_path / "own", ours))
     player.do(SEEK, 10**9)
     told = {0: set(), 1: set()}
     for entry in player.board.get("dialogue")["entries"]:
