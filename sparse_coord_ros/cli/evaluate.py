@@ -205,16 +205,13 @@ def result_table(found: Sequence[Evaluated]) -> str:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
-        rows.append([named, *measures.cells(optimum=optimum, spread=True).values()])
+        rows.append([named, *measures.cells(optimum=optimum).values()])
     for title, paper in papers.items():
         if paper:
             pairs = (paper.get(name) for name in HEADINGS)
-            cells = [
-                "-" if pair is None else "{:.2f} ± {:.2f}".format(*pair)
-                for pair in pairs
-            ]
+            cells = ["-" if pair is None else f"{pair[0]:.2f}" for pair in pairs]
             rows.append([title, *cells, "paper"])
-    paths = shortest_paths(scenario).cells(spread=True)
+    paths = shortest_paths(scenario).cells()
     rows.append(["fixed shortest paths", *paths.values()])
     team = shipped.shipped_best_team(scenario)
     for name, value in shipped.yardsticks(scenario):

@@ -353,8 +353,11 @@ def _first(options: argparse.Namespace) -> dict[str, Any]:
     if not is_picture(options.map):
         text = read_text(options.map, MapError, "give the YAML file")
         said = parse_yaml(text, where=str(options.map), error=MapError)
+        kept = said.get(FIELD, {})
         with retold(MapError, SparseCoordError, f"{options.map}: field {FIELD!r}"):
-            first |= _chosen(first | dict(said.get(FIELD, {})), scaled=False)
+            if not isinstance(kept, Mapping):
+                raise SettingError(f"allowed: {', '.join(first)}, each with its value")
+            first |= _chosen(first | kept, scaled=False)
     given = {name: getattr(options, name) for name in first}
     return first | {name: value for name, value in given.items() if value}
 

@@ -24,7 +24,7 @@ from sparse_coord_ros.show.map_pictures import draw_map
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import OpenedRun
 
-LINE_WIDTH = 11.0
+LINE_WIDTH = 12.0
 """Greatest width of a line of panels, in inches."""
 
 LEAST_FIGURE_WIDTH = 4.0
@@ -186,9 +186,8 @@ def _groups(what: str, runs: Sequence[OpenedRun]) -> Iterator[list[Panel]]:
     """
     labels = names_of(runs)
     if what == "curves":
-        for name in CURVES:
-            draw = partial(_draw_curve, runs, labels, name)
-            yield [Panel(*CURVE, draw, stretches=True)]
+        draws = [partial(_draw_curve, runs, labels, name) for name in CURVES]
+        yield [Panel(*CURVE, draw, stretches=True) for draw in draws]
         return
     for shown, label in zip(runs, labels, strict=True):
         yield list(_policy(shown, label))
@@ -369,6 +368,8 @@ def _draw_curve(
             *points, color=colour, linestyle=style, linewidth=1.6, label=labels[number]
         )
     axes.set_xlabel("learning step")
+    ends = [shown.history.steps_before + shown.history.length for shown in runs]
+    axes.set_xlim(0, max(int(end.max(initial=1)) for end in ends))
     axes.set_ylabel(CURVES[name])
     axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.grid(alpha=0.3)

@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, permutations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,8 +76,8 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
     return tuple(found)
 
 
-def learning_steps(step: Any, episode: Any) -> Any:
-    """Return the learning steps that were made before time steps of episodes, counted from 0.
+def learning_steps(step: int, episode: int) -> int:
+    """Return the learning steps that were made before a time step of an episode, from 0.
 
     A run has more time steps: those between two episodes.
     """

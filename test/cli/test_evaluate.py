@@ -34,7 +34,7 @@ def test_table(sparse_coord, trained):
         "env1, penalty -20",
         "  50 trials\n",
         "  paper\n",
-        "119.50 ± 12.50",
+        "119.50  ",
     ):
         assert words in out
     assert "exact joint optimum" in out
@@ -46,7 +46,7 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
 ):
     trained("env1", "--learner", "indiv", "--seed", 2)
     found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])
-    said = "{returns:.2f} ± {returns_spread:.2f} ({returns_error:.2f})"
+    said = "{returns:.2f} ({returns_error:.2f})"
     said = said.format(**found)
     assert found["returns_error"] > 0
     assert said in sparse_coord("evaluate", "a", "--trials", 50)[1]

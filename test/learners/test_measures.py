@@ -140,16 +140,16 @@ def test_trials_that_exceed_the_optimum_say_by_how_many_errors():
 
 def test_cells_have_errors_and_the_source():
     arrived = np.array([True, False, True])
-    cells = of_trials(ROBOTS, arrived).cells(spread=True)
+    cells = of_trials(ROBOTS, arrived).cells()
     assert cells == {
-        "return": "3.00 ± 2.38 (1.53)",
-        "time to goal": "3.00 ± 2.38 (1.53)",
-        "miscoordinations": "3.00 ± 2.16 (1.53)",
-        "asks": "3.00 ± 2.38 (1.53)",
+        "return": "3.00 (1.53)",
+        "time to goal": "3.00 (1.53)",
+        "miscoordinations": "3.00 (1.53)",
+        "asks": "3.00 (1.53)",
         "all arrive": "2 of 3",
         "source": "3 trials",
     }
-    assert computed(7.0).cells(spread=True)["asks"] == "7.00 ± 2.00"
+    assert computed(7.0).cells()["asks"] == "7.00"
     assert computed(7.0).cells()["all arrive"] == "99.95 %"
     teams = by_run([of_trials(ROBOTS, arrived), of_trials(ROBOTS)])
     assert teams.cells()["all arrive"] == "83.3 % (16.7 %)"

@@ -886,6 +886,15 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
     visit(tab, address_of(process))
     facts = "document.getElementById('facts').textContent"
 
+    wait_for(tab, f"{facts} === '304 cells of 0.85 m, 6 doorways'")
+    wait_for(tab, f"{text_of('advice')}.startsWith('Coordination will pay: ')")
+    assert tab.evaluate("document.querySelectorAll('.start').length") == 2
+    click(tab, "no-robots")
+    for name, value in (("cell-side", 0.5), ("radius", 0.2)):
+        tab.evaluate(
+            f"(() => {{ const c = document.getElementById('{name}');"
+            f"c.value = {value}; c.dispatchEvent(new Event('change')); }})()"
+        )
     wait_for(tab, f"{facts} === '937 cells of 0.5 m, 6 doorways'")
     tab.evaluate(
         "(() => { const c = document.getElementById('cell-side');"
@@ -922,6 +931,7 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
     wait_for(tab, f"{TEAM}.startsWith('Learned: runs/office_')")
     frame = "document.getElementById('learning').contentDocument"
     wait_for(tab, f"{frame}.querySelector('#state').dataset.state === 'finished'")
+    assert tab.evaluate("document.getElementById('panels').hidden"), "one map, not two"
     wait_for(tab, f"{frame}.{AGES} === 'Tables at the end of learning.'")
     made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", tab.evaluate(TEAM))[1])
     tables = tables_in(made)
@@ -956,6 +966,7 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     options = ("--page", "--port", "0", "--out", str(tmp_path / "out"))
     # across the corridor, to and fro
     robots = ("--start", "-5,0", "5,0", "--goal", "5,0", "-5,0")
+    robots += ("--cell", "0.5", "--radius", "0.2")
     process = start("cli.main", "import-map", office, *options, *robots)
     visit(tab, address_of(process))
     wait_for(tab, f"{text_of('advice')}.startsWith('Asking will not pay: ')")

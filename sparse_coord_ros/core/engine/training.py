@@ -39,7 +39,7 @@ EVERY_TRIALS = Setting(
     "trials", int, 200, "trials of each of them", low=2, high=10_000_000
 )
 
-WORTH_COMPILING = 500_000
+WORTH_COMPILING = 400_000
 WORTH_LOADING = 100_000
 """Agent-steps of coop that plain Python makes while numba compiles, or is imported and finds the
 compiled loops on disk: a shorter run is quicker without."""

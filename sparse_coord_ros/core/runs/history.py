@@ -79,7 +79,8 @@ class History(NamedTuple):
         begins = np.flatnonzero(np.diff(self.first_step) < 0) + 1  # another robot's
         before = np.zeros(self.episodes, dtype=np.int64)
         before[begins] = np.diff(made[begins], prepend=0)
-        return made - np.cumsum(before)
+        found: np.ndarray = made - np.cumsum(before)
+        return found
 
     def curve(
         self, name: str, window: int = 1, *, robot: int | None = None

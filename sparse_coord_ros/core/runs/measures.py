@@ -171,8 +171,8 @@ class Measures:
         error = self.error("returns")
         return excess / error if error else math.inf
 
-    def in_words(self, name: str, *, spread: bool = False) -> str:
-        """Return a mean, its spread if wanted and known, and its standard error.
+    def in_words(self, name: str) -> str:
+        """Return a mean, and in parentheses its standard error.
 
         A mean without sampling error stands alone; a dash stands for the unknown error of a single
         sample.
@@ -184,23 +184,18 @@ class Measures:
                 return f"{int(self.arrived.sum())} of {self.trials}"
             return percent(mean) + (f" ({percent(error)})" if error else "")
         text = f"{mean:.2f}"
-        if spread and not math.isnan(self.spread(name)):
-            text += f" ± {self.spread(name):.2f}"
         if math.isnan(error):
             return f"{text} (-)"
         return f"{text} ({error:.2f})" if error else text
 
-    def cells(
-        self, *, optimum: float = math.inf, spread: bool = False
-    ) -> dict[str, str]:
+    def cells(self, *, optimum: float = math.inf) -> dict[str, str]:
         """Return the cells of a table's row, by the headings of their columns.
 
         Args:
             optimum: the joint optimum or its bound. Where the return of trials exceeds it, its
                 cell says by how many standard errors.
-            spread: whether means have their spreads.
         """
-        cells = {HEADINGS[one]: self.in_words(one, spread=spread) for one in MEASURES}
+        cells = {HEADINGS[one]: self.in_words(one) for one in MEASURES}
         above = self.errors_above(optimum)
         if above != 0.0:
             many = "" if math.isnan(above) else f"{above:.1f} s.e. "

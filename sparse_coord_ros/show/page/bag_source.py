@@ -35,7 +35,6 @@ from sparse_coord_ros.show.page.key_steps import (
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.steps import (
-    learning_steps,
     logged_step,
     logged_trails,
     questions_of,
@@ -394,12 +393,12 @@ class BagSource(controls.Played):
         so_far = self._counts.up_to(step, log)
         around = {"rate": self._pace, "first": self.first, "last": self.log.last_step}
         around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
+        around["made"] = self._counts.made_before(step)
         if self._new("frame", (step, self.state, around)):
             fields = messages.frame_fields(
                 logged_step(log, row), logged_trails(log, row), self._narrator
             )
-            made = made_before(log, row)
-            self.board.put("frame", state=self.state, made=made, **around, **fields)
+            self.board.put("frame", state=self.state, **around, **fields)
         self._tell(log, row)
         if self._new("asked", so_far.questions):
             self.board.put("asked", robots=so_far.asked.tolist(), where=ASKED_SO_FAR)
@@ -412,10 +411,12 @@ class BagSource(controls.Played):
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[
             -messages.MOST_ENTRIES :
         ]
-        since = made_before(log, 0) if log.step[0] > self.first else None
-        if not self._new(
-            "dialogue", (log.step[asking[-1:]].tolist(), since, self._reasons_known)
-        ):
+        since = None
+        if log.step[0] > self.first:
+            since = self._counts.made_before(int(log.step[0]))
+        last = log.step[asking[-1:]].tolist()
+        counted = [self._counts.made_before(step) for step in last]
+        if not self._new("dialogue", (last, counted, since, self._reasons_known)):
             return
         known = {k for k, at in enumerate(self.log.table_steps()) if at}
         told: list[Message] = []
@@ -437,7 +438,7 @@ class BagSource(controls.Played):
                 self._narrator,
                 rows,
                 reasons,
-                made_before(log, place),
+                self._counts.made_before(seen.step),
             )
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
@@ -583,11 +584,6 @@ class BagSource(controls.Played):
             ):
                 value = messages.evaluation_fields(self.run, tables, step)
                 self.board.put("evaluation", **value)
-
-
-def made_before(log: RunLog, row: int) -> int:
-    """Return the learning steps before a row of a log."""
-    return int(learning_steps(log.step[row], log.episode[row]))
 
 
 def since_in_words(name: str, first: int, since: int | None) -> str:

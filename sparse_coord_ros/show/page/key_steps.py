@@ -88,6 +88,7 @@ class KeySteps:
         }
         self.changes: list[list[Change]] = [[] for _ in run.scenario.robots]
         self._run = run
+        self._episodes = 0
         self._near = near_doorways(run.scenario.map)
         self._places = OccupancyData(Frame(run)).places
 
@@ -112,6 +113,7 @@ class KeySteps:
         if not len(self.steps[CROSSING]):
             self._add(CROSSING, self._first_crossing(part))
         self._add_policy_changes(log)
+        self._episodes += len(np.unique(log.episode))
 
     def _add(self, kind: str, steps: np.ndarray) -> None:
         self.steps[kind] = np.concatenate([self.steps[kind], steps])
@@ -132,13 +134,13 @@ class KeySteps:
             steps, rows = log.messages.coordination_maps[k]
             here = np.isin(steps, log.step)
             steps = steps[here]
-            made = learning_steps(steps, log.episode[np.searchsorted(log.step, steps)])
-            for step, so_many, data in zip(
-                steps.tolist(), made.tolist(), rows["data"][here], strict=True
+            episodes = log.episode[np.searchsorted(log.step, steps)] + self._episodes
+            for step, episode, data in zip(
+                steps.tolist(), episodes.tolist(), rows["data"][here], strict=True
             ):
                 asks = np.frombuffer(data, dtype=np.int8)[self._places] == OCCUPIED
                 if not known or (known[-1].asks != asks).any():
-                    known.append(Change(step, so_many, asks))
+                    known.append(Change(step, learning_steps(step, episode), asks))
         changed = {one.step for known in self.changes for one in known[1:]}
         self.steps[POLICY] = np.array(sorted(changed), dtype=np.int64)
 

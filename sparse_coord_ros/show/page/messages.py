@@ -301,7 +301,7 @@ def evaluation_fields(
         "step": step,
         "learner": run.title,
         **measures.to_dict(),
-        "cells": measures.cells(optimum=optimum, spread=True),
+        "cells": measures.cells(optimum=optimum),
         "failing": failing_in_words(measures),
         "askers": _askers(run, tables),
         "verdict": verdict.text,

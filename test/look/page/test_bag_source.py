@@ -51,7 +51,6 @@ from sparse_coord_ros.show.page.key_steps import (
     kinds_of,
 )
 from sparse_coord_ros.show.page.message_board import MessageBoard
-from sparse_coord_ros.show.steps import learning_steps
 
 
 class Player:
@@ -327,8 +326,15 @@ def test_where_no_question_was_heard_of_the_page_says_since_when(record):
     }
     last = player.do(SEEK, 10**9)["step"]
     since = player.board.get("dialogue")["since"]
-    log = player.source.log.around(last)
-    assert 1 < since < last and since == learning_steps(log.step[0], log.episode[0])
+    assert since is None, "not read so far"
+    player.source.read_through()
+    player.do(SEEK, 1)
+    last = player.do(SEEK, 10**9)["step"]
+    since = player.board.get("dialogue")["since"]
+    window = player.source.log.around(last)
+    log = read_run(player.source.log.bag.path)
+    row = np.searchsorted(log.step, window.step[0])
+    assert since == row - log.episode[row] > 1
     player.source.log.bag.close()
 
 
@@ -419,7 +425,8 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert line.startswith(f"robot_{k + 1} learned to ask there at about step ")
     since = int(re.search(r"at about step ([\d,]+)\.$", line)[1].replace(",", ""))
     steps, rows = log.messages.coordination_maps[k]
-    steps = learning_steps(steps, log.episode[np.searchsorted(log.step, steps)])
+    rows_of = np.searchsorted(log.step, steps)
+    steps = rows_of - log.episode[rows_of]
     place = OccupancyData(log.frame).places[log.cells[row, k]]
     asks = (
         np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
@@ -683,14 +690,16 @@ def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):
 def test_people_count_learning_steps(bag):
     """The log's time steps are more: there are some between two episodes."""
     log = read_run(bag)
-    made = learning_steps(log.step, log.episode)
-    assert made.tolist() == (np.arange(len(log.step)) - log.episode).tolist()
+    made = np.arange(len(log.step)) - log.episode
     begins = np.searchsorted(log.step, log.history().first_step)
     assert log.history().steps_before.tolist() == made[begins].tolist()
     player = Player(bag)
+    assert player.do(SEEK, 10**9)["made"] is None, "not read so far"
+    player.source.read_through()
+    for row in (0, 40, len(log.step) // 2, -1):
+        assert player.do(SEEK, int(log.step[row]))["made"] == made[row]
     last = player.do(SEEK, 10**9)
     assert last["made"] == log.run.scenario.steps < last["step"]
-    player.source.read_through()
     curves = player.board.get("curves")
     assert curves["step"][-1] < log.run.scenario.steps
     player.source.log.bag.close()

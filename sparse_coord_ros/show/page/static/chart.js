@@ -82,7 +82,7 @@ export class Chart {
   // Where the shown steps lie, one for each look.
   place(steps, looks = [{}]) {
     this.picture.querySelectorAll(".here").forEach((line) => line.remove());
-    steps.forEach((step, i) => this.picture.append(
+    steps.forEach((step, i) => step !== null && this.picture.append(
       svg("path", { class: "here", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}`, ...looks[i] })));
   }
 

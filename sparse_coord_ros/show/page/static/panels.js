@@ -87,7 +87,7 @@ export function dialoguePanel(run, { entries = [], since = null }) {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
     mark.style.color = written(colour);
-    const item = html("li", {}, mark, html("span", { className: "at" }, `step ${number(entry.made)}: `), entry.text,
+    const item = html("li", {}, mark, html("span", { className: "at" }, entry.made === null ? "" : `step ${number(entry.made)}: `), entry.text,
       html("details", { open: opened.has(`${entry.step} ${entry.robot}`) }, html("summary", {}, "details"), entry.lines.join("; ")));
     item.dataset.key = `${entry.step} ${entry.robot}`;
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
