@@ -29,7 +29,8 @@ pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[2]
 
-STEP = "Number(document.getElementById('step').textContent.replaceAll(',', ''))"
+STEP = "Number(document.getElementById('step').dataset.step)"
+"""The time step of the log; people see learning steps."""
 STATE = "document.getElementById('state').dataset.state"
 
 
@@ -102,10 +103,12 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
         tab,
         'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')',
     )
+    made = asking - log.episode[asking]
     said = (
-        f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
+        f"document.querySelector('#dialogue li').innerText.includes('step {made:,}: ')"
     )
     wait_for(tab, said)
+    assert tab.evaluate("document.getElementById('step').textContent") == f"{made:,}"
     assert "refused" in tab.evaluate("document.querySelector('#dialogue li').innerText")
     wait_for(tab, "document.getElementById('foot').dataset.read === '1'")
     due = (log.history().first_step <= wanted).sum()
@@ -124,7 +127,7 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     tab.evaluate("document.getElementById('map').focus()")
     tab.keyboard.press("ArrowDown")
     tab.keyboard.press("ArrowRight")
-    wait_for(tab, f"document.{AGES} === 'Tables of time step {wanted:,}.'")
+    wait_for(tab, f"document.{AGES} === 'Tables of this step.'")
     title, *shown = wait_for(
         tab,
         "document.querySelector('#cell tr[data-robot=\"1\"] td') &&"
@@ -366,7 +369,7 @@ def test_a_bag_opens_on_what_was_learned_and_buttons_lead_on(
     last = tab.evaluate(STEP)
     tab.click("#lanes button.miscoordination")
     told = "document.getElementById('said').textContent"
-    wait_for(tab, f"{told} === 'No miscoordination after time step {last:,}.'")
+    wait_for(tab, f"{told} === 'No miscoordination after this step.'")
     assert tab.evaluate(STEP) == last
     tab.click("#lanes button.crossing")
     wait_for(tab, f"{STEP} < {last} && {told} === ''")
@@ -486,7 +489,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     tab.evaluate(
         "const axis = document.getElementById('axis'); axis.value = 'step'; axis.onchange()"
     )
-    wait_for(tab, f"{where}.startsWith('time step')")
+    wait_for(tab, f"{where}.startsWith('step ')")
     lines = "[...document.querySelectorAll('.curve')]"
     points = f"{lines}.map((one) => one.getAttribute('d').split('L').length)"
     wait_for(tab, f"Math.max(...{points}) > 3")
@@ -495,12 +498,12 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     values += ".map((one) => one.textContent)"
     tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
     said = wait_for(
-        tab, f"{values}.every((text) => text.includes(' at time step ')) && {values}"
+        tab, f"{values}.every((text) => text.includes(' at step ')) && {values}"
     )
     assert len(said) == 3
-    assert len({text.partition(" at time step ")[2] for text in said}) == 1
+    assert len({text.partition(" at step ")[2] for text in said}) == 1
     tab.hover("h1")
-    wait_for(tab, f"!{values}.some((text) => text.includes(' at time step '))")
+    wait_for(tab, f"!{values}.some((text) => text.includes(' at step '))")
     for width in (1280, 400):
         size(tab, width, 800)
         wait_for(tab, WIDE)

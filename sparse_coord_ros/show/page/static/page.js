@@ -161,6 +161,7 @@ function showFrame() {
   if (!frame) return;
   const held = HELD.includes(frame.state);
   $("step").textContent = number(frame.made);
+  $("step").dataset.step = frame.step; // of the log's clock, for tests
   $("speed").textContent = number(held ? 0 : frame.speed === undefined ? frame.rate || null : frame.speed);
   if (frame.episodes !== undefined) showEpisodes(frame.episodes, frame.counted_to < frame.step);
   else if (!curves) showEpisodes(frame.episode + 1);
