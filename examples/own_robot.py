@@ -5,6 +5,7 @@
 docs/own_robot.md says what each message means: python own_robot.py --ros-args -r __node:=robot_1
 """
 
+import math
 import random
 from contextlib import suppress
 
@@ -122,9 +123,11 @@ class OwnRobot(Node):
         """Return (row, column) of a pose, from the top left."""
         here = message.pose.position
         corner = self.map.origin.position
-        side = self.map.resolution
-        row = (here.y - corner.y) // side
-        column = (here.x - corner.x) // side
+        turn = self.map.origin.orientation
+        yaw = 2 * math.atan2(turn.z, turn.w)
+        x, y = here.x - corner.x, here.y - corner.y
+        column = (math.cos(yaw) * x + math.sin(yaw) * y) // self.map.resolution
+        row = (math.cos(yaw) * y - math.sin(yaw) * x) // self.map.resolution
         return self.map.height - 1 - int(row), int(column)
 
     def rests(self):

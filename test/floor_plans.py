@@ -301,11 +301,6 @@ def write_grid(grid: GridMap, directory: Path, pixels: int = 10) -> Path:
 
 def matched(true: list[tuple[float, float]], grid: GridMap) -> tuple[int, int]:
     """Return how many true doorways a map has, and how many of its doorway cells lie in none."""
-    side = grid.resolution or 1.0
-    (x, y) = grid.origin
-    places = (grid.cells[cell] for cell in grid.doorways)
-    found = [
-        (x + (c + 0.5) * side, y + (grid.shape[0] - r - 0.5) * side) for r, c in places
-    ]
+    found = [grid.squares.centre(*grid.cells[cell]) for cell in grid.doorways]
     hits = sum(any(math.dist(t, f) <= NEAR for f in found) for t in true)
     return hits, sum(all(math.dist(t, f) > NEAR for t in true) for f in found)

@@ -5,14 +5,17 @@
 import argparse
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.base.errors import MapError, SettingError, in_short
 from sparse_coord_ros.cli.imported_map import (
+    AUTO,
     CELL,
     RADIUS,
     ImportedMap,
+    along,
     check_free,
     make,
     write,
@@ -27,12 +30,13 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.game.grid import FURTHEST
+from sparse_coord_ros.core.game.pose import pose_in_words
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.game.settings import parse_assignments
 from sparse_coord_ros.lab.maps.image import read_floor_plan
 from sparse_coord_ros.lab.maps.meeting import Prospect, prospect_of
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS
-from sparse_coord_ros.lab.maps.plan import Place
+from sparse_coord_ros.lab.maps.plan import CELL_RADII, Place
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -56,12 +60,39 @@ def _place(text: str) -> Place:
     return x, y
 
 
+def _turn(text: str) -> float | str:
+    """Read an angle in degrees, or auto."""
+    if text == AUTO:
+        return AUTO
+    with suppress(ValueError):
+        if math.isfinite(float(text)):
+            return float(text)
+    allowed = f"{AUTO}, or degrees counterclockwise, e.g. 20"
+    raise argparse.ArgumentTypeError(
+        f"{in_short(text)} is no angle, allowed: {allowed}"
+    )
+
+
 PLACES = {"action": "extend", "default": []}
 
 OPTIONS = (
-    Option("map MAP.yaml", Path, "YAML file of the map_server map"),
-    Option("--cell", CELL.parse, CELL.help),
+    Option(
+        "map MAP.yaml",
+        Path,
+        "YAML file of a map of map_server, or a .map file of MovingAI",
+    ),
+    Option(
+        "--cell",
+        CELL.parse,
+        f"{CELL.help} (default: about {CELL_RADII:g} radii, as the map allows)",
+    ),
     Option("--radius", RADIUS.parse, RADIUS.help),
+    Option(
+        "--turn DEGREES",
+        _turn,
+        "angle of the grid to the image, counterclockwise; auto: that of the walls",
+        {"default": 0.0},
+    ),
     Option(
         "--start X,Y...",
         _place,
@@ -105,7 +136,7 @@ def execute(options: argparse.Namespace) -> None:
         serve(options)
         return
     allowed_with(options, "--page", PAGE_NAMES)
-    plan = read_floor_plan(options.map)
+    plan = along(read_floor_plan(options.map), options.turn)
     _check_given(options)
     check_free(options, plan, replace=options.replace)
     from sparse_coord_ros.cli.computing import Bar
@@ -141,13 +172,8 @@ def _check_names(options: argparse.Namespace) -> None:
 
 def _check_given(options: argparse.Namespace) -> None:
     """Raise `SettingError` if an option is missing that is needed without the page."""
-    missing = [
-        f"--{one}" for one in ("cell", "radius") if getattr(options, one) is None
-    ]
-    if missing:
-        raise SettingError(
-            f"required: {', '.join(missing)}; or choose on a page: --page"
-        )
+    if options.radius is None:
+        raise SettingError("required: --radius; or choose on a page: --page")
     if options.assignments and not options.start:
         raise SettingError(
             "--set needs a scenario: give --start and --goal of the robots"
@@ -165,6 +191,8 @@ def _facts(
         "columns": columns,
         **made.facts,
         "parts": made.imported.parts,
+        "wide_passages": made.imported.wide,
+        "only_without_dust": made.imported.dusty,
         "files": [*made.files, picture],
         "advice": None if prospect is None else prospect.advice,
         "doorway_hint": None if prospect is None else prospect.doorway,
@@ -188,8 +216,10 @@ def _lines(
     """
     lines = [
         "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {0}; "
-        "lower left corner at {origin[0]:g},{origin[1]:g}".format(
-            made.imported.grid.doorways_in_words, **facts
+        "lower left corner at {1}".format(
+            made.imported.grid.doorways_in_words,
+            pose_in_words(made.imported.grid.origin),
+            **facts,
         )
     ]
     if made.suggested:

@@ -29,6 +29,7 @@ from sparse_coord_ros.cli.imported_map import (
     CELL,
     RADIUS,
     ImportedMap,
+    along,
     check_free,
     make,
     write,
@@ -37,13 +38,14 @@ from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.page import served, show_end
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.core.game.grid import FURTHEST, number_of
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Moment, drive
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.image import (
     FIELDS,
-    FloorPlan,
     data_url,
     is_picture,
     read_floor_plan,
@@ -129,9 +131,10 @@ class ImportPage(Controlled):
         self._replace = options.replace
         self._picture = is_picture(options.map)
         if self._picture:
-            self._plan = read_picture(options.map, **SCALE_AT_FIRST)
+            self._plan = read_picture(options.map, **_pose_of(SCALE_AT_FIRST))
         else:
             self._plan = read_floor_plan(options.map)
+        self._along = along(self._plan, options.turn)
         self._to_judge: queue.SimpleQueue[tuple[dict[str, Any], Scenario]] = (
             queue.SimpleQueue()
         )
@@ -148,7 +151,10 @@ class ImportPage(Controlled):
             name=self._plan.name,
             picture=data_url(self._plan),
             pixels=self._plan.free.shape[::-1],
-            scale={"resolution": self._plan.resolution, "origin": self._plan.origin},
+            scale={
+                "resolution": self._plan.resolution,
+                "origin": list(self._plan.origin),
+            },
             header=str(self._plan.path) if self._picture else "",
             doorway_colour=DOORWAY_COLOUR,
             colours=ROBOT_COLOURS,
@@ -226,8 +232,10 @@ class ImportPage(Controlled):
             return
         options = argparse.Namespace(**{**vars(self._options), **wish.value})
         if self._picture:
-            self._plan = dataclasses.replace(self._plan, **wish.value["scale"])
-        made = make(options, self._plan)
+            scale = _pose_of(wish.value["scale"])
+            self._plan = dataclasses.replace(self._plan, **scale)
+            self._along = along(self._plan, options.turn)
+        made = make(options, self._along)
         grid = made.imported.grid
         shown = {"rows": grid.rows, "doorways_in_words": grid.doorways_in_words}
         self._board.put("imported", chosen=wish.value, **shown, **made.facts)
@@ -393,6 +401,11 @@ def _scale(said: Mapping[str, Any]) -> dict[str, Any]:
         "resolution": FIELDS["resolution"].parse(said.get("resolution")),
         "origin": origin,
     }
+
+
+def _pose_of(scale: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a picture's scale with its origin as a pose."""
+    return {**scale, "origin": Pose(*scale["origin"])}
 
 
 def _places(name: str, value: Any) -> list[Place]:

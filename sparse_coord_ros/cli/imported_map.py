@@ -3,6 +3,7 @@
 """A map and a scenario made from a floor plan, by the options of `import-map`, and their files."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,9 +13,9 @@ from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
-from sparse_coord_ros.lab.maps.image import FloorPlan
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned, wall_direction
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS, IN_DOORWAYS
-from sparse_coord_ros.lab.maps.plan import SHOWN, Imported, import_map, scenario_of
+from sparse_coord_ros.lab.maps.plan import Imported, import_map, places, scenario_of
 
 CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
 RADIUS = Setting(
@@ -23,6 +24,12 @@ RADIUS = Setting(
 
 MAP_OPTIONS = ("cell", "radius", "doorway", "no_doorway", "corridors")
 """The options of which a map is made."""
+
+AUTO = "auto"
+"""The value of --turn for a grid along the walls."""
+
+LEAST_TURN = 0.5
+"""Degrees; walls that lie askew by less are left as they are."""
 
 DPI = 150
 """Of the picture."""
@@ -57,12 +64,32 @@ class ImportedMap(NamedTuple):
             "cells": len(grid.cells),
             **grid.doorway_facts,
             "resolution": grid.resolution,
-            "origin": grid.origin,
+            "origin": list(grid.origin),
             "suggested": self.suggested,
             "corridors": len(self.imported.corridors),
             "interactions": self.interactions,
             "notes": self.notes,
         }
+
+
+def along(plan: FloorPlan, turn: float | str) -> FloorPlan:
+    """Return a floor plan with rows along the grid.
+
+    Args:
+        plan: the floor plan.
+        turn: the angle of the grid to it, in degrees; AUTO: that of its walls.
+
+    Raises:
+        MapError: the walls have no main direction.
+    """
+    if isinstance(turn, float):
+        return turned(plan, math.radians(turn)) if turn else plan
+    yaw = wall_direction(plan)
+    if yaw is None:
+        raise MapError(
+            f"map {plan.name}: its walls have no main direction; give --turn in degrees"
+        )
+    return turned(plan, yaw) if abs(math.degrees(yaw)) >= LEAST_TURN else plan
 
 
 def make(options: argparse.Namespace, plan: FloorPlan) -> ImportedMap:
@@ -98,20 +125,20 @@ def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
         imported: the map.
         taken: whether the user has taken those of corridors.
     """
-    places = imported.corridors
-    if not places:
+    middles = imported.corridors
+    if not middles:
         return f"interactions={IN_DOORWAYS} fits: no corridor is one cell wide"
-    corridors = "1 corridor is" if len(places) == 1 else f"{len(places)} corridors are"
+    corridors = "1 corridor is"
+    if len(middles) > 1:
+        corridors = f"{len(middles)} corridors are"
     found = f"{corridors} one cell wide ({imported.narrow_cells} cells)"
-    named = " ".join(f"{x:.2f},{y:.2f}" for x, y in places[:SHOWN])
-    more = " ..." if len(places) > SHOWN else ""
     if taken:
         return (
-            f"interactions={IN_CORRIDORS}: {found}, in the middle at {named}{more}; their cells "
-            "are doorways, which hold one robot each"
+            f"interactions={IN_CORRIDORS}: {found}, in the middle at {places(middles)}; their "
+            "cells are doorways, which hold one robot each"
         )
     return (
-        f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {named}{more}; robots "
+        f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {places(middles)}; robots "
         f"cannot pass each other there, which {IN_DOORWAYS} does not know"
     )
 
@@ -129,7 +156,12 @@ def write(options: argparse.Namespace, made: ImportedMap) -> Path:
         grid = made.imported.grid
         robots = () if made.scenario is None else made.scenario.robots
         figure = floor_figure(
-            grid, robots, made.plan, side=grid.resolution or 1.0, cells=True
+            grid,
+            robots,
+            made.plan,
+            cells=True,
+            wide=made.imported.wide,
+            dusty=made.imported.dusty,
         )
         data = rendered(figure, "png", DPI)
     write_whole(picture, data)

@@ -7,6 +7,7 @@ import argparse
 from sparse_coord_ros.cli.options import JSON, Option, format_table, tell
 from sparse_coord_ros.core.game.buildings import building
 from sparse_coord_ros.core.game.grid import GridMap, load_map, map_names
+from sparse_coord_ros.core.game.pose import pose_in_words
 from sparse_coord_ros.core.game.scenario import load_scenario
 
 EXAMPLE = "sparse_coord maps env1"
@@ -47,7 +48,6 @@ def execute(options: argparse.Namespace) -> None:
 
 def _in_words(grid: GridMap) -> str:
     (height, width) = grid.shape
-    (x, y) = grid.origin
     lines = [f"{grid.name}: {grid.title}", f"source: {grid.source}"]
     lines.append(f"provenance: {grid.provenance}")
     lines.append(
@@ -55,7 +55,8 @@ def _in_words(grid: GridMap) -> str:
     )
     if grid.resolution is not None:
         lines.append(
-            f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m"
+            f"{grid.resolution:g} m a cell, lower left corner at "
+            f"{pose_in_words(grid.origin)}"
         )
     return "\n".join([*lines, "", *grid.rows])
 
@@ -68,9 +69,10 @@ def map_of(name: str) -> GridMap:
 
 
 def _facts(grid: GridMap) -> dict:
-    names = ("name", "title", "source", "provenance", "rows", "resolution", "origin")
+    names = ("name", "title", "source", "provenance", "rows", "resolution")
     return {
         **{name: getattr(grid, name) for name in names},
+        "origin": list(grid.origin),
         "cells": len(grid.cells),
         **grid.doorway_facts,
         "starts": {digit: grid.cells[x] for digit, x in sorted(grid.starts.items())},

@@ -76,7 +76,7 @@ def test_places_west_and_south_of_the_origin(sparse_coord, folder, plan):
     code, out, err = sparse_coord("import-map", plan, *ENV1[:4], *robots, "--out", "i")
     assert (code, err) == (0, "")
     assert "lower left corner at -10,-20" in out
-    assert load_map(str(folder / "i" / "env1.txt")).origin == (-10.0, -20.0)
+    assert load_map(str(folder / "i" / "env1.txt")).origin == (-10.0, -20.0, 0.0)
 
 
 def test_nothing_is_overwritten_unasked(sparse_coord, folder, plan, refused):

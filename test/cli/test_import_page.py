@@ -207,7 +207,7 @@ def test_a_problem_is_one_line_and_nothing_is_overwritten(page, folder):
             {"start": [[2.5, 0.5], [4.5, 4.5]]},
             "start of robot_1 at 2.5,0.5 is in no free cell",
         ),
-        ({"cell": 0.01}, "cell is 0.01 m, allowed: at least a pixel"),
+        ({"cell": 0.01}, "cells of 0.01 m are smaller than a pixel"),
         ({}, "clicked/env1.png: exists already"),
     ):
         said = told(page, SAVE, **changes)
@@ -308,7 +308,7 @@ def test_it_says_what_coordination_will_bring_and_where_a_doorway_is_missing(pag
     prospect = board.get("prospect")
     assert prospect["doorway"] == (2.5, 2.5)
     assert prospect["advice"].startswith("Asking will not pay: ")
-    assert "a doorway at 2.50,2.50, where they meet most often" in prospect["note"]
+    assert "a doorway at 2.5,2.5, where they meet most often" in prospect["note"]
 
 
 def test_corridors_are_taken_where_the_page_says_so(page, sparse_coord, folder):

@@ -10,6 +10,7 @@ import pytest
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.grid import CLEAR
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.run import learn
@@ -23,7 +24,7 @@ from sparse_coord_ros.lab.driving.body_simulator import (
     Noise,
 )
 from sparse_coord_ros.lab.driving.driver import Driver
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
 from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive, limits_of

@@ -6,9 +6,10 @@ import math
 
 import pytest
 
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.navigator import (
     ANSWER_SECONDS,
     SETTLE_SECONDS,

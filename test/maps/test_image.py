@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps of map_server: read as it reads them, refused in one line."""
 
+import math
+
 import numpy as np
 import pytest
 import yaml
@@ -52,14 +54,15 @@ def signs(plan):
         ({"occupied_thresh": 0.55}, [".?#", ".?#"]),
         ({"free_thresh": 0.3, "occupied_thresh": 0.49}, ["..#", ".##"]),
         ({"occupied_thresh": "left out", "free_thresh": "left out"}, ["..#", ".??"]),
-        ({"mode": "scale"}, [".?#", ".??"]),
-        ({"mode": "raw", "occupied_thresh": 0.9}, ["??.", "??#"]),
+        ({"mode": "Scale", "free_thresh": 0.15}, [".?#", ".??"]),
+        ({"mode": "raw", "occupied_thresh": 0.9, "negate": 1}, ["??.", "??#"]),
+        ({"free_thresh": 0.9, "occupied_thresh": 0.05}, [".##", ".##"]),
     ],
 )
 def test_values_by_negate_thresholds_and_mode(saved, fields, rows):
     plan = saved(**fields)
     assert signs(plan) == rows
-    assert (plan.resolution, plan.origin, plan.name) == (0.1, (-1.0, 2.0), "m")
+    assert (plan.resolution, plan.origin, plan.name) == (0.1, (-1.0, 2.0, 0.0), "m")
 
 
 def test_the_thresholds_of_map_server(saved):
@@ -82,12 +85,76 @@ def test_kinds_of_images(saved):
     assert signs(saved(black, name="m.png")) == [".#"]
 
 
-def test_what_is_not_opaque_is_unknown(saved):
-    image = Image.fromarray(VALUES).convert("RGBA")
-    image.putalpha(
-        Image.fromarray(np.array([[255, 255, 0], [254, 255, 255]], dtype=np.uint8))
-    )
-    assert signs(saved(image, name="m.png")) == [".??", "???"]
+def published(pixel, mode, negate, occupied, free):
+    """Return what map_server publishes for (red, green, blue, opacity), by its documentation.
+
+    Opacity is a channel of trinary images; what is not opaque is unknown in scale images; raw
+    images have no thresholds and no negate.
+    """
+    colours = pixel[:3] if mode != "trinary" else pixel
+    shade = sum(257 * one for one in colours) / len(colours) / 65535
+    if mode == "raw":
+        percents = math.floor(255 * shade + 0.5)
+        return percents if percents <= 100 else -1
+    probability = shade if negate else 1.0 - shade
+    if mode == "scale" and pixel[3] < 255:
+        return -1
+    if probability > occupied:
+        return 100
+    if probability < free:
+        return 0
+    if mode == "trinary":
+        return -1
+    if occupied == free:
+        return 50
+    return round((probability - free) / (occupied - free) * 100)
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("negate", [0, 1, 7, "yes", "False", True, "n"])
+def test_pixels_are_those_of_map_server(saved, mode, negate):
+    greys = [
+        (g, g, g, a)
+        for g in (0, 51, 89, 102, 128, 204, 205, 254, 255)
+        for a in (0, 128, 255)
+    ]
+    pixels = [*greys, (255, 0, 0, 255), (10, 200, 255, 255), (3, 3, 4, 255)]
+    image = Image.fromarray(np.array([pixels], dtype=np.uint8))
+    truth = negate in (1, 7, "yes", True)
+    for occupied in (0.0, 0.2, 0.65, 1.0):
+        for free in (0.0, 0.196, 0.2, 0.25, 1.0):
+            said = {"negate": negate, "occupied_thresh": occupied, "free_thresh": free}
+            values = [published(p, mode, truth, occupied, free) for p in pixels]
+            if 0 not in values:
+                if mode != "raw":
+                    with pytest.raises(MapError, match="no pixel is free"):
+                        saved(image, name="m.png", mode=mode, **said)
+                continue
+            plan = saved(image, name="m.png", mode=mode, **said)
+            for value, is_free, is_occupied in zip(
+                values, plan.free[0], plan.occupied[0], strict=True
+            ):
+                assert is_free == (value == 0) or (mode == "raw" and 0 < value < 100)
+                assert is_occupied == (value == 100) or (
+                    mode == "raw" and 0 < value < 100
+                )
+
+
+CLEAR_AND_BLACK = np.array([[[255, 255, 255, 0], [0, 0, 0, 255]]], dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "fields", "words"),
+    [
+        (CLEAR_AND_BLACK, {}, "50 % of the pixels are transparent, and count as"),
+        (VALUES[:, 1:], {"free_thresh": 0}, "brighter than a share of 1 (1 - free"),
+        (VALUES[:1, :2], {"negate": 1}, "darker than a share of 0.804"),
+    ],
+)
+def test_where_no_pixel_is_free_the_cause_is_named(saved, pixels, fields, words):
+    with pytest.raises(MapError) as refused:
+        saved(pixels, name="m.png", **fields)
+    assert words in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -98,20 +165,16 @@ def test_what_is_not_opaque_is_unknown(saved):
             "setting resolution: value is -0.05, allowed: a number from 0.001",
         ),
         ({"resolution": float("nan")}, "setting resolution: value is nan"),
-        ({"resolution": "left out"}, "setting resolution: value is None"),
+        ({"resolution": "left out"}, "field 'resolution' is missing"),
         ({"image": "left out"}, "field 'image' is missing"),
         ({"image": ["m.pgm"]}, "setting image: value is"),
         ({"image": "n.pgm"}, "n.pgm: no such image"),
         ({"image": "m.yaml"}, "cannot be read as an image (its format is unknown)"),
         ({"image": "a\0b"}, "cannot be read as an image"),
-        ({"origin": [0, 0, 0.5]}, "has a yaw of 0.5, allowed: 0"),
         ({"origin": [0]}, "field 'origin' is [0]"),
         ({"origin": [0, float("inf"), 0]}, "field 'origin' is"),
-        ({"negate": 2}, "setting negate: value is 2, allowed"),
-        (
-            {"free_thresh": 0.7},
-            "setting free_thresh: value is 0.7, allowed: less than occupied_thresh",
-        ),
+        ({"negate": 0.5}, "setting negate: value is 0.5, allowed: 0, 1, true or"),
+        ({"negate": "oui"}, "setting negate: value is 'oui', allowed"),
         ({"mode": "grey"}, "setting mode: value is 'grey', allowed: trinary or"),
     ],
 )
@@ -125,7 +188,10 @@ def test_bad_fields_are_one_line(saved, fields, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]", "setting image: value is [[[[...]]]]"),
+        (
+            "image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]\nresolution: 1",
+            "setting image: value is [[[[...]]]]",
+        ),
         ("image: [", "not readable as YAML"),
         ("", "must be 'key: value' lines"),
         ("image: !!python/object/apply:os.system [ls]\n", "not readable as YAML"),

@@ -19,9 +19,10 @@ from patience import PATIENCE_SECONDS
 from std_srvs.srv import SetBool
 
 from sparse_coord_ros.cli.main import main as sparse_coord
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.settings import parse_assignments
 from sparse_coord_ros.lab.driving import navigator
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.log.runlog.verify import verify
 from sparse_coord_ros.ros.nodes import nav2_driver, nav2_stand_in
 from sparse_coord_ros.ros.nodes.body import BodyNode

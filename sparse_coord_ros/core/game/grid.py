@@ -4,7 +4,7 @@
 
 A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
 `resolution`, `origin` and `radius`), a line `---`, then the grid: one line a row, `#` wall, `.`
-free, `D` doorway (free), a digit 1 to 9 a start (free).
+free, `D` doorway (free), a digit 1 to 9 a start (free). Maps of MovingAI are read, too.
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
@@ -23,12 +23,27 @@ from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import share_file, share_names
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.core.game.actions import DIRECTIONS
+from sparse_coord_ros.core.game.pose import Pose, Squares
 
 WALL = "#"
 FREE = "."
 DOORWAY = "D"
 SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
 UNREACHABLE = -1
+
+OCTILE_GRID = "map"
+"""The line before the grid in a map of MovingAI."""
+
+OCTILE_SIGNS = {
+    ".": FREE,
+    "G": FREE,
+    "S": FREE,
+    "@": WALL,
+    "O": WALL,
+    "T": WALL,
+    "W": WALL,
+}
+"""Symbols of MovingAI's format, and their kinds here."""
 
 CLEAR = 0.07
 """Cells between a body and a wall beside its lane, where there is room."""
@@ -39,6 +54,9 @@ RESOLUTIONS = (1e-3, 1000.0)
 
 FURTHEST = 1e7
 """Most metres from the frame's origin to the grid's corner."""
+
+LEVEL = 1e-6
+"""Largest yaw that counts as none, in radians."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +70,8 @@ class GridMap:
         source: where the map comes from; for a map of a floor plan its YAML file.
         provenance: which parts are found, derived or chosen.
         resolution: metres per cell; None if the map shows no real place.
-        origin: (x, y) of the grid's lower left corner in that place's frame, in metres.
+        origin: the pose of the grid's lower left corner in that place's frame; its rows lie along
+            the yaw.
         radius: radius of the robots that the map was made for, in metres; 0: unknown.
     """
 
@@ -62,13 +81,18 @@ class GridMap:
     source: str = ""
     provenance: str = field(default="", compare=False)
     resolution: float | None = None
-    origin: tuple[float, float] = (0.0, 0.0)
+    origin: Pose = Pose(0.0, 0.0)
     radius: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
         """(rows, columns) of the grid, walls included."""
         return len(self.rows), len(self.rows[0])
+
+    @property
+    def squares(self) -> Squares:
+        """The squares of the grid in its place; of a map without a place they are 1 m wide."""
+        return Squares(self.origin, self.resolution or 1.0, len(self.rows))
 
     @cached_property
     def cells(self) -> tuple[tuple[int, int], ...]:
@@ -261,6 +285,8 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
         MapError: malformed header, unequal rows, unknown symbol, start given twice, no free cell.
     """
     lines = text.splitlines()
+    if OCTILE_GRID in lines and "---" not in lines:
+        return _octile(lines, name, where)
     if "---" not in lines:
         remedy = (
             "a map is a header (title, source, provenance), a line '---', then the grid"
@@ -274,6 +300,35 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
     return GridMap(
         name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where)
     )
+
+
+def _octile(lines: list[str], name: str, where: str) -> GridMap:
+    """Read a map of MovingAI: lines `height N` and `width N`, a line `map`, then the grid.
+
+    `.`, `G` and `S` (swamp) are free; `@`, `O`, `T` (trees) and `W` (water) are walls. The map has
+    no doorways.
+    """
+    first = lines.index(OCTILE_GRID) + 1
+    sizes = dict(line.split(maxsplit=1) for line in lines[:first] if " " in line)
+    rows = [line.rstrip() for line in lines[first:]]
+    while rows and not rows[-1]:
+        rows.pop()
+    for number, row in enumerate(rows, start=first + 1):
+        unknown = row.strip("".join(OCTILE_SIGNS))
+        if unknown:
+            what = f"map {where}, line {number}: unknown symbol {unknown[0]!r}"
+            raise MapError(f"{what}; allowed: {' '.join(OCTILE_SIGNS)}")
+    size = {"height": len(rows), "width": max(map(len, rows), default=0)}
+    for key, found in size.items():
+        said = sizes.get(key, "missing").strip()
+        if said != str(found):
+            raise MapError(
+                f"map {where}: {key} is {said}, but the grid's is {found}; mend it"
+            )
+    signs = str.maketrans(OCTILE_SIGNS)
+    grid = tuple(row.translate(signs) for row in rows)
+    _check_rows(grid, first + 1, where)
+    return GridMap(name, grid, f"{name}: a map of MovingAI", source=where)
 
 
 def _header(text: str, where: str) -> dict[str, Any]:
@@ -297,13 +352,7 @@ def _header(text: str, where: str) -> dict[str, Any]:
                 value, *numbers[key], f"map {where}: header key {key!r}"
             )
         elif key == "origin":
-            what = f"map {where}: header key 'origin'"
-            if not isinstance(value, list) or len(value) != 2:
-                raise MapError(
-                    f"{what} is {in_short(value)}, allowed: [x, y] in metres"
-                )
-            x, y = (number_of(one, -FURTHEST, FURTHEST, what) for one in value)
-            found[key] = (x, y)
+            found[key] = pose_of(value, f"map {where}: header key 'origin'")
         else:
             found[key] = str(value or "").strip()
     if "origin" in found and "resolution" not in found:
@@ -311,6 +360,25 @@ def _header(text: str, where: str) -> dict[str, Any]:
             f"map {where}: has an origin and no resolution; give the metres a cell"
         )
     return found
+
+
+def pose_of(value: object, what: str) -> Pose:
+    """Return a field of a map's file that is a pose: [x, y] or [x, y, yaw].
+
+    Args:
+        value: the field's value.
+        what: file and field, for the error.
+
+    Raises:
+        MapError: it is no pose.
+    """
+    if not isinstance(value, list) or len(value) not in (2, 3):
+        raise MapError(
+            f"{what} is {in_short(value)}, allowed: [x, y, yaw] in metres, radians"
+        )
+    numbers = [number_of(one, -FURTHEST, FURTHEST, what) for one in value]
+    yaw = math.remainder(numbers[2], math.tau) if len(numbers) == 3 else 0.0
+    return Pose(numbers[0], numbers[1], yaw if abs(yaw) > LEVEL else 0.0)
 
 
 def number_of(value: object, low: float, high: float, what: str) -> float:

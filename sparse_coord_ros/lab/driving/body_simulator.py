@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.core.game.pose import Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import STOP, Command
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, Goals
 
@@ -110,14 +111,7 @@ class Body:
         wanted = _arc(
             self.pose, (left + right) / 2, (right - left) / self._track, seconds
         )
-        for x, y in (
-            wanted[:2],
-            (wanted.x, self.pose.y),
-            (self.pose.x, wanted.y),
-            self.pose[:2],
-        ):
-            if not self._metric_map.blocked(x, y):
-                break
+        x, y = self._metric_map.slide(self.pose, wanted.x, wanted.y)
         against = (x, y) != wanted[:2]
         self.bumps += against and not self._against
         self._against = against

@@ -4,7 +4,8 @@
 
 import math
 
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.core.game.pose import Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.mover import SLACK, GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import STOP, Command, Limits, distance, steer
 from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals

@@ -4,13 +4,13 @@
 
 import math
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import CLEAR, WALL
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.wire.frame import Frame
 
@@ -22,14 +22,6 @@ LANE = 0.27
 
 QUADRANTS = ((1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0))
 """Places of robots 1 to 4 in a shared cell: signs of x, y."""
-
-
-class Pose(NamedTuple):
-    """The pose of a body: metres in the frame `map`, radians counterclockwise from east."""
-
-    x: float
-    y: float
-    yaw: float
 
 
 class MetricMap:
@@ -76,8 +68,9 @@ class MetricMap:
         east, north = QUADRANTS[robot % len(QUADRANTS)]
         lane = LANE * self.side
         (west_most, east_most, south_most, north_most) = self._lanes[cell]
-        x += min(max(east * lane, west_most), east_most)
-        return x, y + min(max(north * lane, south_most), north_most)
+        ahead = min(max(east * lane, west_most), east_most)
+        left = min(max(north * lane, south_most), north_most)
+        return Pose(x, y, self.grid.origin.yaw).absolute(ahead, left)
 
     @cached_property
     def _lanes(self) -> list[list[float]]:
@@ -118,12 +111,10 @@ class MetricMap:
 
     def blocked(self, x: float, y: float) -> bool:
         """Return whether a body there would touch a wall, or the space outside the map."""
-        left, low = self._frame.origin
         rows, columns = self.grid.shape
         side = self.side
         radius = self.radius
-        east = x - left
-        north = y - low
+        east, north = self.grid.origin.relative(x, y)
         first = math.floor((east - radius) / side)
         last = math.floor((east + radius) / side)
         below = math.floor((north - radius) / side)
@@ -139,6 +130,19 @@ class MetricMap:
                 if dx * dx + dy * dy < radius * radius:
                     return True
         return False
+
+    def slide(self, here: Pose, x: float, y: float) -> tuple[float, float]:
+        """Return where a body gets that drives to (x, y): a wall lets it slide along its side."""
+        axes = Pose(here.x, here.y, self.grid.origin.yaw)
+        ahead, left = axes.relative(x, y)
+        for place in (
+            (x, y),
+            axes.absolute(ahead, 0.0),
+            axes.absolute(0.0, left),
+        ):
+            if not self.blocked(*place):
+                return place
+        return here.x, here.y
 
     def in_doorway(self, x: float, y: float) -> bool:
         """Return whether a place lies in a doorway."""

@@ -5,7 +5,8 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.core.game.pose import Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import (
     NO_CELL,

@@ -12,7 +12,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Protocol
 
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.core.game.pose import Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.mover import GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import GoalReport

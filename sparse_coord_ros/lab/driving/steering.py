@@ -5,7 +5,7 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.metric_map import Pose
+from sparse_coord_ros.core.game.pose import Pose
 
 TURN_FIRST = 0.5
 """Radians off the bearing beyond which the body turns on the spot; nearer, it drives faster."""

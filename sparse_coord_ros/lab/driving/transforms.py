@@ -5,7 +5,7 @@
 import math
 from typing import NamedTuple
 
-from sparse_coord_ros.lab.driving.metric_map import Pose
+from sparse_coord_ros.core.game.pose import Pose
 
 LONGEST_CHAIN = 100
 """Most frames between two; a longer chain is a circle."""
@@ -73,8 +73,5 @@ def parent_of(pose: Pose, here: Pose) -> Pose:
 
 def _within(frame: Pose, pose: Pose) -> Pose:
     """Return a pose in a frame as a pose in the frame's parent."""
-    cos = math.cos(frame.yaw)
-    sin = math.sin(frame.yaw)
-    x = frame.x + cos * pose.x - sin * pose.y
-    y = frame.y + sin * pose.x + cos * pose.y
+    x, y = frame.absolute(pose.x, pose.y)
     return Pose(x, y, math.remainder(frame.yaw + pose.yaw, math.tau))

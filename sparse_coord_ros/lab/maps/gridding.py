@@ -15,10 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from sparse_coord_ros.lab.maps.image import FloorPlan
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 
 SPECK = 0.12
-"""Metres: what is smaller both ways is noise."""
+"""Metres: what is no larger both ways is a spot."""
+
+CHANCE = 0.05
+"""Fewer groups of spots than this by chance, and a group is none of dust."""
 
 OFFSETS = 10
 """Most offsets that are tried along each axis."""
@@ -28,6 +31,9 @@ LOOKS = 4_000_000
 
 DOOR_CELLS = 10
 """As how many free cells a doorway counts where two offsets keep equally much connected."""
+
+TOUCHING = np.ones((3, 3), dtype=bool)
+"""Pixels that touch at a corner belong together."""
 
 CRUMB = 4
 """Fewer connected cells are no part of a map, and nothing that a doorway leads to."""
@@ -58,55 +64,95 @@ class Space:
     """The space for a robot's centre.
 
     Attributes:
-        walls: occupied pixels, without specks.
+        walls: occupied pixels, without dust.
+        dust: pixels that are not free, and count as free: spots by themselves.
         blocked: pixels too near to a wall or to unknown space.
         parts: number of the connected part of each pixel that is not blocked; 0: blocked.
         past_blocked, past_walls: number of such pixels before each, along rows and columns.
     """
 
     walls: np.ndarray
+    dust: np.ndarray
     blocked: np.ndarray
     parts: np.ndarray
     past_blocked: tuple[np.ndarray, np.ndarray]
     past_walls: tuple[np.ndarray, np.ndarray]
 
+    @property
+    def dust_spots(self) -> int:
+        """The number of spots that count as free."""
+        return int(ndimage.label(self.dust, structure=TOUCHING)[1])
+
 
 def space_of(plan: FloorPlan, radius: float) -> Space:
-    """Return the space for the centre of a robot; spots smaller than `SPECK` count as free.
+    """Return the space for the centre of a robot; dust counts as free.
 
     Args:
         plan: the floor plan.
         radius: the robot's, in metres.
     """
-    pixels = int(round(SPECK / plan.resolution))
-    walls = without_specks(plan.occupied, pixels)
-    # Pixels that are neither free nor wall are unknown: specks of noise are filled, rooms never.
-    unfree = without_specks(~(plan.free | (plan.occupied & ~walls)) | walls, pixels)
-    blocked = grown(unfree, radius / plan.resolution)
+    return _space(plan, dust_of(plan, radius), radius)
+
+
+def _space(plan: FloorPlan, dust: np.ndarray, radius: float) -> Space:
+    walls = plan.occupied & ~dust
+    blocked = grown(~plan.free & ~dust, radius / plan.resolution)
     parts = ndimage.label(~blocked, output=np.int32)[0]
-    return Space(walls, blocked, parts, _past(blocked), _past(walls))
+    return Space(walls, dust, blocked, parts, _past(blocked), _past(walls))
 
 
-def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
-    """Return a picture without the spots that are at most `size` pixels high and wide.
+def dust_of(plan: FloorPlan, radius: float) -> np.ndarray:
+    """Return the pixels of dust: spots of at most `SPECK` that stand in no row.
+
+    Spots that stand nearer together than a robot is wide are a row, unless dust alone would make
+    such rows.
+    """
+    spots = specks(~plan.free, int(round(SPECK / plan.resolution)))
+    return spots & ~rows_of(spots, 2 * radius / plan.resolution)
+
+
+def specks(pixels: np.ndarray, size: int) -> np.ndarray:
+    """Return the spots of a picture that are at most `size` pixels high and wide.
 
     Args:
         pixels: the picture, shape (rows, columns), bool; as the one returned.
         size: in pixels.
     """
-    if size < 1:
-        return pixels
-    labels, count = ndimage.label(
-        pixels, structure=np.ones((3, 3), dtype=bool), output=np.int32
+    labels, count = ndimage.label(pixels, structure=TOUCHING, output=np.int32)
+    small = np.zeros(count + 1, dtype=bool)
+    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
+        longest = max(rows.stop - rows.start, columns.stop - columns.start)
+        small[number] = longest <= size
+    return np.asarray(small[labels])
+
+
+def rows_of(spots: np.ndarray, gap: float) -> np.ndarray:
+    """Return the spots that stand in rows: groups in which each is near another one.
+
+    Dust makes groups, too, by chance. Their number falls by a constant factor from each size to
+    the next. The numbers of single spots and of pairs tell this factor, and so the number of
+    groups of any size that chance makes. A group is a row if that is less than `CHANCE`.
+
+    Args:
+        spots: the spots, shape (rows, columns), bool; as the ones returned.
+        gap: the distance in pixels from which on two spots are not near each other.
+    """
+    if not spots.any():
+        return spots
+    near, _ = ndimage.label(
+        ndimage.distance_transform_edt(~spots) < gap / 2, structure=TOUCHING
     )
-    keep = np.zeros(count + 1, dtype=bool)
-    for places in np.nonzero(pixels):
-        first = np.full(count + 1, max(pixels.shape))
-        last = np.full(count + 1, -1)
-        np.minimum.at(first, labels[pixels], places)
-        np.maximum.at(last, labels[pixels], places)
-        keep |= last - first >= size
-    return keep[labels]
+    near = np.where(spots, near, 0)
+    numbers, count = ndimage.label(spots, structure=TOUCHING)
+    group_of = np.zeros(count + 1, dtype=np.int64)
+    group_of[numbers[spots]] = near[spots]
+    sizes = np.bincount(group_of[1:], minlength=near.max() + 1)
+    alone = int((sizes == 1).sum())
+    pairs = int((sizes == 2).sum())
+    factor = pairs / max(1, alone + pairs)
+    by_chance = alone * factor ** np.maximum(sizes - 1.0, 0.0)
+    row = (sizes > 1) & (by_chance < CHANCE)
+    return np.asarray(row[near])
 
 
 def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
@@ -149,17 +195,34 @@ def best_layout(space: Space, pixels: float) -> Gridding:
     tries = min(
         math.ceil(pixels), OFFSETS, max(2, int(math.sqrt(LOOKS / max(cells, 1.0))))
     )
-    shifts = [pixels * k / tries for k in range(tries)]
-    found = [_layout(space, pixels, south, east) for south in shifts for east in shifts]
+    # The first centre is the first in the image.
+    starts = [pixels * k / tries for k in range(tries)]
+    starts = [one if one < pixels / 2 else one - pixels for one in starts]
+    found = [_layout(space, pixels, top, left) for top in starts for left in starts]
     return max(found, key=lambda one: (-one.slips, -one.cut, one.kept))
 
 
-def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
+def layout_with_dust(
+    plan: FloorPlan, space: Space, layout: Gridding, pixels: float, radius: float
+) -> np.ndarray:
+    """Return the free cells of a grid if dust is not free, shape (rows, columns), bool.
+
+    Args:
+        plan: the floor plan.
+        space: its space, without dust.
+        layout: the grid.
+        pixels: the side of a cell, in pixels.
+        radius: the robot's, in metres.
+    """
+    if not space.dust.any():
+        return layout.free
+    dusty = _space(plan, np.zeros_like(space.dust), radius)
+    return _layout(dusty, pixels, layout.top, layout.left).free
+
+
+def _layout(space: Space, pixels: float, top: float, left: float) -> Gridding:
     height, width = space.blocked.shape
     half = pixels / 2
-    # the first centre is the first in the image
-    top = down if down < half else down - pixels
-    left = right if right < half else right - pixels
     rows = np.floor(np.arange(top + half, height, pixels)).astype(np.int64)
     columns = np.floor(np.arange(left + half, width, pixels)).astype(np.int64)
     if not len(rows) or not len(columns):
@@ -254,31 +317,40 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
 def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
     """Return a cell of each passage that would be a doorway if it were not two cells wide.
 
+    It opens at one end at least into a space that is three cells wide: a room that is two cells
+    wide is no passage, nor is a corridor between its side doors.
+
     Arguments as in `across`.
     """
-    padded = np.pad(free, 2)
-    inner = padded[2:-2, 2:-2]
-    before = across(free, longest)
-    found = []
-    for north_south in (True, False):
-        grid = padded if north_south else padded.T
-        middle = slice(2, -2)
-        pair = (
-            grid[middle, middle]
-            & grid[1:-3, middle]
-            & ~grid[:-4, middle]
-            & ~grid[3:-1, middle]
-        )
-        narrow = inner & ~(pair if north_south else pair.T)
-        doors = across(narrow, longest)
-        for number in range(1, int(doors.max(initial=0)) + 1):
-            cells = np.argwhere(doors == number)
-            beside = cells + ((1, 0) if north_south else (0, 1))
-            row, column = cells[0].tolist()
-            inside = (beside < free.shape).all()
-            if not before[row, column] and inside and free[tuple(beside.T)].all():
-                found.append((row, column))
+    rooms = free & (across(free, longest) == 0)
+    found = _passed_east(rooms, longest)
+    found += [(row, column) for column, row in _passed_east(rooms.T, longest)]
     return sorted(found)
+
+
+def _passed_east(rooms: np.ndarray, longest: int) -> list[tuple[int, int]]:
+    """Return (row, column) of the upper cell of each passage of two rows: as of `two_wide`.
+
+    Args:
+        rooms: free cells that are no doorways, shape (rows, columns), bool.
+        longest: the most columns of a passage.
+    """
+    walled = np.pad(rooms, ((1, 2), (0, 0)))
+    pair = walled[1:-2] & walled[2:-1] & ~walled[:-3] & ~walled[3:]
+    spacious = ndimage.binary_opening(rooms, np.ones((3, 3)))
+    edges = np.diff(np.pad(pair, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    begins = np.argwhere(edges == 1)
+    ends = np.argwhere(edges == -1)
+    found = []
+    for (row, begin), (_, end) in zip(begins.tolist(), ends.tolist(), strict=True):
+        if end - begin > longest or begin == 0 or end == rooms.shape[1]:
+            continue
+        both = slice(row, row + 2)
+        beyond = (begin - 1, end)
+        opens = all(rooms[both, column].all() for column in beyond)
+        if opens and any(spacious[both, column].any() for column in beyond):
+            found.append((row, begin))
+    return found
 
 
 def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> bool:

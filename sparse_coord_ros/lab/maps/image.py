@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of map_server, as SLAM tools write them: a YAML file and an image, read and shown."""
+"""Floor plans from files: maps of map_server (a YAML file and an image), MovingAI maps."""
 
 import base64
 import io
@@ -8,9 +8,8 @@ import math
 import os
 import warnings
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
@@ -23,14 +22,18 @@ from sparse_coord_ros.base.errors import (
     retold,
 )
 from sparse_coord_ros.base.files import read_text, write_whole
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import (
-    FURTHEST,
+    LEVEL,
     RESOLUTIONS,
     GridMap,
-    number_of,
+    load_map,
+    pose_of,
 )
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.settings import Setting, SettingTable
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned
 
 IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 """The ends of the names of images of map_server's maps."""
@@ -42,24 +45,29 @@ FIELDS = SettingTable(
     [
         Setting("image", str, None, "the image's file"),
         Setting("resolution", float, None, "metres a pixel", *RESOLUTIONS),
-        Setting("negate", int, 0, "1: dark is free", low=0, high=1),
-        Setting(
-            "occupied_thresh", float, 0.65, "occupied from this probability on", 0, 1
-        ),
-        Setting("free_thresh", float, 0.25, "free below this probability", 0, 1),
-        Setting(
-            "mode", str, "trinary", "how to read", choices=("trinary", "scale", "raw")
-        ),
+        Setting("occupied_thresh", float, 0.65, "occupied above this probability"),
+        Setting("free_thresh", float, 0.25, "free below this probability"),
     ]
 )
-"""The fields of the YAML file with map_server's defaults; fields without one are required."""
+"""Fields of the YAML file; the thresholds are map_saver's where the file has none."""
+
+MODES = ("trinary", "scale", "raw")
+
+TRUTHS = dict.fromkeys(("y", "yes", "true", "on"), True)
+TRUTHS |= dict.fromkeys(("n", "no", "false", "off"), False)
+"""The words that map_server reads as true or false."""
 
 UNKNOWN_GREY = 205
 """The grey that map_saver writes for unknown; Jazzy's own free_thresh of 0.25 makes it free."""
 
-LEVEL = 1e-6
-"""Largest yaw of an origin that counts as none, in radians."""
+OCTILE = ".map"
+"""The end of the name of a map in MovingAI's format."""
 
+OPAQUE = 255
+"""The opacity of a pixel that is not transparent."""
+
+LEAST_SHARE = 0.005
+"""Smaller shares of an image are 0 % in a message: they are left out."""
 
 SHARPEST = 4096
 """Pixels along the longer side of a picture with zoom."""
@@ -70,45 +78,36 @@ OCCUPIED_SHADE = 0
 """Shades of grey."""
 
 
-@dataclass(frozen=True)
-class FloorPlan:
-    """A map of map_server: the kind of each pixel, and the position of the image.
+class _Reading(NamedTuple):
+    """How map_server turns pixels into the kinds free, occupied and unknown."""
 
-    Attributes:
-        path: the YAML file.
-        free: pixels known to be free, shape (rows, columns), bool, top row first.
-        occupied: pixels known to be occupied; all other pixels are unknown.
-        resolution: metres per pixel.
-        origin: (x, y) of the image's lower left corner, in metres.
-        doubtful: share of the free pixels with the grey that map_saver writes for unknown.
-    """
+    mode: str
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
 
-    path: Path
-    free: np.ndarray
-    occupied: np.ndarray
-    resolution: float
-    origin: tuple[float, float]
-    doubtful: float = 0.0
 
-    @property
-    def name(self) -> str:
-        """The file's stem."""
-        return self.path.stem
+DEFAULT_READING = _Reading(
+    "trinary",
+    negate=False,
+    occupied_thresh=FIELDS["occupied_thresh"].default,
+    free_thresh=FIELDS["free_thresh"].default,
+)
 
 
 def read_floor_plan(path: Path) -> FloorPlan:
-    """Read a map as map_server does: image, resolution, origin, negate, thresholds, mode.
-
-    A pixel's probability of being occupied is (255 - value) / 255, or value / 255 with `negate`.
-    Colours count by their mean. Pixels that are not opaque are unknown; so are values between the
-    thresholds.
+    """Read a map of map_server as it does, or a map of MovingAI.
 
     Args:
-        path: the YAML file; the image's path in it counts from its folder.
+        path: the YAML file, whose field `image` counts from its folder; or a file that ends in
+            .map, whose squares are pixels of 1 m.
 
     Raises:
-        MapError: a file is missing or broken, or a field is missing or bad.
+        MapError: a file is missing or broken, a field is missing or bad, or no pixel is free.
     """
+    if path.suffix == OCTILE:
+        grid = load_map(str(path))
+        return FloorPlan(path, grid.free, ~grid.free, 1.0, grid.origin)
     if is_picture(path):
         _check_exists(path)
         raise MapError(_yaml_wanted(path))
@@ -123,12 +122,42 @@ def read_floor_plan(path: Path) -> FloorPlan:
         raise MapError(
             f"{path}: field 'image' is missing; give the YAML file that belongs to a map's image"
         )
+    if "resolution" not in said:
+        raise MapError(f"{path}: field 'resolution' is missing; add the metres a pixel")
     with retold(MapError, SettingError, f"{path}"):
         data = {
             name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()
         }
-    origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
-    return _floor_plan(path, data, origin)
+        reading = _Reading(
+            _mode(said.get("mode", MODES[0])),
+            _negate(said.get("negate", False)),
+            data["occupied_thresh"],
+            data["free_thresh"],
+        )
+    origin = pose_of(said.get("origin", [0.0, 0.0]), f"{path}: field 'origin'")
+    image = path.parent / data["image"]
+    return _floor_plan(path, image, data["resolution"], origin, reading)
+
+
+def _mode(value: object) -> str:
+    mode = str(value).lower()
+    if mode not in MODES:
+        allowed = " or ".join(MODES)
+        raise SettingError(
+            f"setting mode: value is {in_short(value)}, allowed: {allowed}"
+        )
+    return mode
+
+
+def _negate(value: object) -> bool:
+    if isinstance(value, str) and value.lower() in TRUTHS:
+        return TRUTHS[value.lower()]
+    with suppress(ValueError):
+        if isinstance(value, int | str):
+            return int(value) != 0
+    raise SettingError(
+        f"setting negate: value is {in_short(value)}, allowed: 0, 1, true or false"
+    )
 
 
 def is_picture(path: Path) -> bool:
@@ -156,29 +185,26 @@ def _yaml_wanted(image: Path) -> str:
     )
 
 
-def read_picture(
-    image: Path, resolution: float, origin: tuple[float, float]
-) -> FloorPlan:
+def read_picture(image: Path, resolution: float, origin: Pose) -> FloorPlan:
     """Read an image that has no YAML file, with map_server's defaults.
 
     Args:
         image: the image.
         resolution: metres a pixel.
-        origin: (x, y) of its lower left corner, in metres.
+        origin: the pose of its lower left corner.
 
     Returns:
         The floor plan; its path is that of the YAML file that `write_header` writes.
 
     Raises:
-        MapError: the image is missing, has a YAML file already, or cannot be read.
+        MapError: the image is missing, has a YAML file already, cannot be read, or has no free
+            pixel.
     """
     _check_exists(image)
     path = image.with_suffix(".yaml")
     if path.exists():
         raise MapError(_yaml_wanted(image))
-    defaults = {name: one.default for name, one in FIELDS.items()}
-    fields = defaults | {"image": image.name, "resolution": resolution}
-    return _floor_plan(path, fields, origin)
+    return _floor_plan(path, image, resolution, origin, DEFAULT_READING)
 
 
 def write_header(plan: FloorPlan, image: str) -> None:
@@ -188,71 +214,131 @@ def write_header(plan: FloorPlan, image: str) -> None:
         plan: the floor plan.
         image: the name of its image, in the same folder as the YAML file.
     """
-    fields = {name: one.default for name, one in FIELDS.items()}
-    fields |= {"image": image, "resolution": plan.resolution}
-    write_whole(plan.path, to_yaml(fields | {"origin": [*plan.origin, 0.0]}))
+    fields = {
+        "image": image,
+        "resolution": plan.resolution,
+        "origin": list(plan.origin),
+        **DEFAULT_READING._asdict(),
+        "negate": 0,
+    }
+    write_whole(plan.path, to_yaml(fields))
 
 
 def _floor_plan(
-    path: Path, data: dict[str, Any], origin: tuple[float, float]
+    path: Path, image: Path, resolution: float, origin: Pose, reading: _Reading
 ) -> FloorPlan:
     """Return a floor plan.
 
     Args:
         path: the YAML file.
-        data: its fields but the origin, typed.
-        origin: (x, y) in metres.
+        image: its image.
+        resolution: metres a pixel.
+        origin: the pose of the image's lower left corner.
+        reading: how its pixels are read.
 
     Raises:
-        MapError: the image is missing or broken, or the thresholds contradict each other.
+        MapError: the image is missing or broken, or no pixel is free.
     """
-    above = data["occupied_thresh"]
-    below = data["free_thresh"]
-    negate = data["negate"]
-    if below >= above:
-        allowed = f"less than occupied_thresh ({above:g})"
-        raise MapError(
-            f"{path}: setting free_thresh: value is {below:g}, allowed: {allowed}"
+    pixels = _pixels(image)
+    free, occupied = _kinds(pixels, reading)
+    grey = pixels.brightness == UNKNOWN_GREY * pixels.channels
+    clear = np.zeros_like(free) if pixels.opacity is None else pixels.opacity < OPAQUE
+    transparent = float((clear & ~free).mean())
+    if not free.any():
+        raise MapError(f"{image}: no pixel is free; {_why_none(transparent, reading)}")
+    return FloorPlan(
+        path,
+        free,
+        occupied,
+        resolution,
+        origin,
+        doubtful=float(grey[free].mean()),
+        transparent=transparent,
+    )
+
+
+def _why_none(transparent: float, reading: _Reading) -> str:
+    """Return why no pixel is free, and the remedy."""
+    if transparent >= LEAST_SHARE:
+        share = percent(transparent, whole=True)
+        return (
+            f"{share} of the pixels are transparent, and count as unknown or occupied: fill "
+            f"them with {'black' if reading.negate else 'white'}"
         )
-    values, known = _pixels(path.parent / data["image"])
-    # the value is the probability in percent; more is unknown
-    if data["mode"] == "raw":
-        occupancy = np.round(values if not negate else 255.0 - values)
-        known = known & (occupancy <= 100.0)
-        occupancy = occupancy / np.float32(100.0)
-    else:
-        occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
-    free = known & (occupancy < below)
-    occupied = known & (occupancy > above)
-    doubtful = float((values[free] == UNKNOWN_GREY).mean()) if free.any() else 0.0
-    return FloorPlan(path, free, occupied, data["resolution"], origin, doubtful)
+    return (
+        f"free is what is {'darker' if reading.negate else 'brighter'} than a share of "
+        f"{1.0 - reading.free_thresh:g} (1 - free_thresh); check negate, mode and the thresholds"
+    )
 
 
 def floor_plan_of(grid: GridMap) -> FloorPlan | None:
-    """Return a map's floor plan; None if it is missing."""
+    """Return a map's floor plan, turned as the map; None if it is missing."""
     if grid.resolution is None or not os.path.isfile(grid.source):
         return None
     with suppress(MapError):
-        return read_floor_plan(Path(grid.source))
+        plan = read_floor_plan(Path(grid.source))
+        yaw = math.remainder(grid.origin.yaw - plan.origin.yaw, math.tau)
+        return turned(plan, yaw) if abs(yaw) > LEVEL else plan
     return None
 
 
-def _origin(value: object, what: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) not in (2, 3):
-        raise MapError(
-            f"{what} is {in_short(value)}, allowed: [x, y, yaw] in metres, radians"
-        )
-    x, y, yaw = (number_of(one, -FURTHEST, FURTHEST, what) for one in [*value, 0.0][:3])
-    if abs(math.remainder(yaw, math.tau)) > LEVEL:
-        raise MapError(
-            f"{what} has a yaw of {yaw:g}, allowed: 0, as cells lie along the image; turn the "
-            "image so that its rows lie along the frame's x axis, and set 0"
-        )
-    return x, y
+class _Pixels(NamedTuple):
+    """The pixels of an image.
+
+    Attributes:
+        brightness: the sum of the colour channels, shape (rows, columns), integers.
+        channels: their number.
+        most: the largest value of a channel: 255, or 65,535 of images of 16 bits.
+        opacity: 0 to 255, shape (rows, columns); None: the image has no transparency.
+    """
+
+    brightness: np.ndarray
+    channels: int
+    most: int
+    opacity: np.ndarray | None
 
 
-def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return an image's values from 0 to 255, float32, and whether each pixel is opaque."""
+def _kinds(pixels: _Pixels, reading: _Reading) -> tuple[np.ndarray, np.ndarray]:
+    """Return whether each pixel is free, and whether it is occupied, as map_server reads it.
+
+    What map_server publishes is 0 where a pixel is free, 100 where it is occupied. In the mode
+    `raw` it publishes the brightness as it is, up to 100, without `negate`; such a probability in
+    percent counts by the thresholds. (Source: `loadMapFromFile` of nav2_map_server.)
+    """
+    brightness = pixels.brightness
+    channels = pixels.channels
+    if reading.mode == "trinary" and pixels.opacity is not None:
+        # Opacity counts as a channel.
+        brightness = brightness + pixels.opacity
+        channels += 1
+    levels = np.arange(channels * pixels.most + 1)
+    shade = levels * (65535 // pixels.most) / channels / 65535
+    if reading.mode == "raw":
+        percents = np.floor(shade * 255 + 0.5)
+        known = percents <= 100
+        occupied = known & (percents / 100 > reading.occupied_thresh)
+        occupied |= percents == 100
+        free = known & ~occupied & (percents / 100 < reading.free_thresh)
+        free |= percents == 0
+        return free[brightness], occupied[brightness]
+    probability = shade if reading.negate else 1.0 - shade
+    occupied = probability > reading.occupied_thresh
+    free = ~occupied & (probability < reading.free_thresh)
+    if reading.mode == "scale":
+        between = ~occupied & ~free
+        span = reading.occupied_thresh - reading.free_thresh
+        with np.errstate(divide="ignore", invalid="ignore"):
+            percents = np.rint((probability - reading.free_thresh) / span * 100)
+        free |= between & (percents == 0)
+        occupied |= between & (percents == 100)
+        if pixels.opacity is not None:
+            opaque = pixels.opacity == OPAQUE
+            return free[brightness] & opaque, occupied[brightness] & opaque
+    return free[brightness], occupied[brightness]
+
+
+def _pixels(path: Path) -> _Pixels:
+    """Read an image."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -260,7 +346,7 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 if max(image.size) > LONGEST_SIDE:
                     raise Image.DecompressionBombError
                 image.load()
-                return _values(image)
+                return _pixels_of(image)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         remedy = "scale it down, and multiply the resolution by as much"
         raise MapError(f"{path}: has too many pixels; {remedy}") from None
@@ -279,20 +365,21 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise MapError(f"{path}: {why}") from None
 
 
-def _values(image: Image.Image) -> tuple[np.ndarray, np.ndarray]:
-    mode = image.mode
-    if mode.startswith("I;16"):
-        values = np.asarray(image, dtype=np.float32) / np.float32(257.0)
-    elif mode == "I":  # Pillow reads 16-bit PGM so
-        values = np.asarray(image, dtype=np.float32)
-        values = values / np.float32(257.0 if values.max(initial=0) > 255 else 1.0)
-    elif mode in ("1", "L"):
-        values = np.asarray(image.convert("L"), dtype=np.float32)
-    else:
+def _pixels_of(image: Image.Image) -> _Pixels:
+    if image.mode.startswith("I;16"):
+        return _Pixels(np.asarray(image).astype(np.int32), 1, 65535, None)
+    if image.mode == "I":  # Pillow reads 16-bit PGM so
+        values = np.asarray(image)
+        most = 65535 if values.max(initial=0) > OPAQUE else OPAQUE
+        return _Pixels(values, 1, most, None)
+    if image.has_transparency_data:
         pixels = np.asarray(image.convert("RGBA"))
-        opaque = pixels[..., 3] == 255
-        return pixels[..., :3].mean(axis=-1, dtype=np.float32), opaque
-    return values, np.ones(values.shape, dtype=bool)
+        colours = pixels[..., :3].sum(axis=-1, dtype=np.int32)
+        return _Pixels(colours, 3, OPAQUE, pixels[..., 3])
+    if image.mode in ("1", "L"):
+        return _Pixels(np.asarray(image.convert("L")), 1, OPAQUE, None)
+    pixels = np.asarray(image.convert("RGB"))
+    return _Pixels(pixels.sum(axis=-1, dtype=np.int32), 3, OPAQUE, None)
 
 
 def grey(plan: FloorPlan) -> np.ndarray:
@@ -320,11 +407,13 @@ def under(grid: GridMap) -> dict[str, Any] | None:
     plan = floor_plan_of(grid)
     if plan is None:
         return None
-    scale = plan.resolution / (grid.resolution or 1.0)
-    height, width = (side * scale for side in plan.free.shape)
-    x, y = (
-        (a - b) / (grid.resolution or 1.0)
-        for a, b in zip(plan.origin, grid.origin, strict=True)
-    )
-    place = {"x": x, "y": grid.shape[0] - y - height, "width": width, "height": height}
+    side = grid.squares.side
+    height, width = (count * plan.resolution / side for count in plan.free.shape)
+    ahead, left = grid.origin.relative(plan.origin.x, plan.origin.y)
+    place = {
+        "x": ahead / side,
+        "y": grid.shape[0] - left / side - height,
+        "width": width,
+        "height": height,
+    }
     return {"href": data_url(plan), **place}

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.core.game.grid import DOORWAY, GridMap
 from sparse_coord_ros.core.game.interactions import interactions_of, only_together
+from sparse_coord_ros.core.game.pose import metres
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.solve.advice import (
     LEAST_RELATIVE_GAIN,
@@ -59,16 +60,16 @@ def prospect_of(scenario: Scenario) -> Prospect:
     if found is None:
         note += "choose starts and goals whose ways cross"
         return Prospect(expected, note, None)
-    x, y = centre_of(scenario.map, found.cell)
-    place = f"a doorway at {x:.2f},{y:.2f}, where they meet most often,"
+    place = centre_of(scenario.map, found.cell)
+    doorway = f"a doorway at {metres(place)}, where they meet most often,"
     if found.lost < LEAST_RELATIVE_GAIN:
         note += (
-            f"even {place} would cost less than a question: choose starts and goals whose "
+            f"even {doorway} would cost less than a question: choose starts and goals whose "
             "ways cross"
         )
         return Prospect(expected, note, None)
-    note += f"{place} would cost each as much as {found.lost:.1f} questions"
-    return Prospect(expected, note, (x, y))
+    note += f"{doorway} would cost each as much as {found.lost:.1f} questions"
+    return Prospect(expected, note, place)
 
 
 def best_doorway(scenario: Scenario) -> Doorway | None:

@@ -13,9 +13,11 @@ from scipy import ndimage
 from sparse_coord_ros.base.errors import MapError, ScenarioError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
+from sparse_coord_ros.core.game.pose import Pose, Squares, metres
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.lab.maps import gridding
-from sparse_coord_ros.lab.maps.image import UNKNOWN_GREY, FloorPlan
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, wall_direction
+from sparse_coord_ros.lab.maps.image import LEAST_SHARE, UNKNOWN_GREY
 from sparse_coord_ros.lab.maps.passages import narrow_corridors
 
 Place = tuple[float, float]
@@ -29,6 +31,40 @@ MOST_CELLS = 1_000_000
 
 SHOWN = 6
 """Most places in a note."""
+
+CELL_RADII = 2.5
+"""A cell's side, in radii of the robot, where none is given: 0.5 m for 0.2 m."""
+
+CELL_PIXELS = 10
+"""The same in pixels, where the radius is 0."""
+
+SIZE_STEP = 0.05
+"""Metres between the sizes of cells that are tried."""
+
+SIZE_FACTORS = (
+    1.0,
+    0.9,
+    1.1,
+    0.8,
+    1.2,
+    0.7,
+    1.35,
+    0.6,
+    1.5,
+    1.75,
+    0.5,
+    2.0,
+    2.5,
+    3.0,
+    4.0,
+)
+"""The sizes that are tried, in times the preferred one."""
+
+NEAR_SIZES = 5
+"""So many of the first sizes are compared; of the others the first one that works is taken."""
+
+ASKEW = 3.0
+"""Degrees between walls and grid from which on a note says so."""
 
 FURTHEST_SHARE = 0.3
 """The value of arriving at the furthest start, as a share of its value at the goal."""
@@ -57,6 +93,8 @@ class Imported:
             parts without one are not in the map.
         corridors: (x, y) in each corridor that is one cell wide, in metres; longest first.
         narrow_cells: number of cells of these corridors.
+        wide: (x, y) in each passage that is two cells wide, in metres.
+        dusty: (x, y) of each cell that is free, or a doorway, only because spots were dropped.
         notes: warnings, one line each.
     """
 
@@ -64,13 +102,15 @@ class Imported:
     parts: tuple[int, ...]
     corridors: tuple[Place, ...]
     narrow_cells: int
+    wide: tuple[Place, ...]
+    dusty: tuple[Place, ...]
     notes: tuple[str, ...]
 
 
 def import_map(
     plan: FloorPlan,
     *,
-    cell: float,
+    cell: float | None = None,
     radius: float,
     robots: Sequence[tuple[Place, Place]] = (),
     doorway: Sequence[Place] = (),
@@ -84,7 +124,7 @@ def import_map(
 
     Args:
         plan: the floor plan.
-        cell: the side of a cell, in metres.
+        cell: the side of a cell, in metres; None: it is chosen.
         radius: the robot's, in metres.
         robots: start and goal of each; parts of the map without any of them become walls.
         doorway: places in cells that become doorways.
@@ -95,22 +135,19 @@ def import_map(
         MapError: the cells are smaller than pixels, or so large that a wall lies between two
             centres; the map has no free cell; or a place is in no free cell.
     """
-    if cell < plan.resolution:
-        allowed = f"at least a pixel of the map, {plan.resolution:g} m"
-        raise MapError(f"cell is {cell:g} m, allowed: {allowed}")
-    cells = plan.free.size * (plan.resolution / cell) ** 2
-    if cells > MOST_CELLS:
-        what = f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}"
-        raise MapError(f"{what}; choose larger cells, or cut the map")
-    layout = _layout_of(plan, cell, radius)
-    free = layout.free
-    corner = (
-        plan.origin[0] + layout.left * plan.resolution,
-        plan.origin[1]
-        + (plan.free.shape[0] - layout.top) * plan.resolution
-        - len(free) * cell,
-    )
-    frame = _Frame(free, corner, cell, plan.name)
+    space = gridding.space_of(plan, radius)
+    if space.blocked.all():
+        raise MapError(
+            f"map {plan.name}: a robot of radius {radius:g} m finds no room: no place is wide "
+            f"enough for it; choose a radius of less than {_widest(plan):g} m"
+        )
+    if cell is None:
+        cell, layout = _chosen_layout(plan, space, radius)
+    else:
+        layout = _layout_of(plan, space, cell)
+    free = layout.free.copy()
+    squares = _squares_of(plan, layout, cell)
+    frame = _Frame(free, squares, plan.name)
     labels, _ = ndimage.label(free)
     sizes = np.bincount(labels.ravel())[1:]
     if robots:
@@ -130,25 +167,23 @@ def import_map(
     if corridors:
         found = np.where(narrow > 0, found.max() + narrow, found)
     doors = _doorways(frame, found, doorway, no_doorway)
+    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))
     # Nothing but walls around the map is of use: a border of one cell stays.
     rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
     top = max(0, rows[0] - 1)
     bottom = min(free.shape[0], rows[-1] + 2)
     left = max(0, columns[0] - 1)
     right = min(free.shape[1], columns[-1] + 2)
-    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))[
-        top:bottom, left:right
-    ]
+    corner = squares.corner.absolute(left * cell, (free.shape[0] - bottom) * cell)
     grid = GridMap(
         name=plan.name,
-        rows=tuple("".join(row) for row in symbols),
-        title=f"{plan.name}: a map of map_server in cells of {cell:g} m",
+        rows=tuple("".join(row) for row in symbols[top:bottom, left:right]),
+        title=f"{plan.name}: a floor plan in cells of {cell:g} m",
         source=str(plan.path.resolve()),
         provenance=f"made by import-map for robots of radius {radius:g} m",
         resolution=cell,
-        origin=(
-            round(float(corner[0] + left * cell), 6),
-            round(float(corner[1] + (free.shape[0] - bottom) * cell), 6),
+        origin=Pose(
+            round(float(corner[0]), 6), round(float(corner[1]), 6), squares.corner.yaw
         ),
         radius=radius,
     )
@@ -160,15 +195,44 @@ def import_map(
         for place in gridding.two_wide(free, run)
         if not doors[place]
     ]
-    notes = tuple(_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide))
-    notes += tuple(_pixel_notes(plan, cell, radius))
+    bare = gridding.layout_with_dust(
+        plan, space, layout, cell / plan.resolution, radius
+    )
+    only_free = free & ~bare
+    only_doors = free & (found > 0) & (gridding.across(bare & free, run) == 0)
+    dusty = [frame.centre(tuple(one)) for one in np.argwhere(only_free | only_doors)]
+    notes = [
+        *_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide),
+        *_dust_notes(space, frame, only_free, only_doors),
+        *_pixel_notes(plan, cell, radius),
+        *_direction_notes(plan),
+    ]
     return Imported(
         grid,
         parts,
         corridors=_middles(frame, narrow),
         narrow_cells=int((narrow > 0).sum()),
-        notes=notes,
+        wide=tuple(wide),
+        dusty=tuple(dusty),
+        notes=tuple(notes),
     )
+
+
+def _squares_of(plan: FloorPlan, layout: gridding.Gridding, cell: float) -> Squares:
+    """Return the squares of a grid on a floor plan."""
+    rows = len(layout.free)
+    height = plan.free.shape[0]
+    corner = plan.origin.absolute(
+        layout.left * plan.resolution,
+        (height - layout.top) * plan.resolution - rows * cell,
+    )
+    return Squares(Pose(*corner, plan.origin.yaw), cell, rows)
+
+
+def _widest(plan: FloorPlan) -> float:
+    """Return the metres from the place that is furthest from walls to the nearest wall."""
+    widest = float(ndimage.distance_transform_edt(plan.free).max()) * plan.resolution
+    return math.floor(1000 * widest) / 1000
 
 
 def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
@@ -184,30 +248,96 @@ def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
     return tuple(middles)
 
 
-def _layout_of(plan: FloorPlan, cell: float, radius: float) -> gridding.Gridding:
-    """Return the best grid on a floor plan, which has a free cell."""
-    space = gridding.space_of(plan, radius)
-    if space.blocked.all():
-        seen = (
-            "no place is wide enough for it" if plan.free.any() else "no pixel is free"
-        )
-        raise MapError(
-            f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
-            "and the thresholds in the YAML file, or choose a smaller radius"
-        )
-    layout = gridding.best_layout(space, cell / plan.resolution)
+def _problem_of(plan: FloorPlan, layout: gridding.Gridding | None, cell: float) -> str:
+    """Return why cells of a size are of no use on a floor plan; empty: they are of use.
+
+    Args:
+        plan: the floor plan.
+        layout: the best grid of such cells; None: it would have too many.
+        cell: their side, in metres.
+    """
+    if cell < plan.resolution:
+        return f"are smaller than a pixel of the map, {plan.resolution:g} m"
+    if layout is None:
+        count = _square_count(plan, cell)
+        return f"make {count:,.0f} squares, allowed: up to {MOST_CELLS:,}"
     if layout.slips:
-        raise MapError(
-            f"map {plan.name}: cells of {cell:g} m are so large that a wall disappears between "
-            "two "
-            f"({layout.slips} times, wherever the grid lies); choose smaller ones"
+        return (
+            "are so large that a wall disappears between two "
+            f"({_count(layout.slips, 'time', 'times')}, wherever the grid lies)"
         )
     if not layout.free.any():
-        remedy = "choose smaller cells"
-        raise MapError(
-            f"map {plan.name}: no cell of {cell:g} m has a free centre; {remedy}"
-        )
-    return layout
+        return "have no free centre"
+    return ""
+
+
+def _square_count(plan: FloorPlan, cell: float) -> float:
+    return plan.free.size * (plan.resolution / cell) ** 2
+
+
+def _tried_layout(
+    plan: FloorPlan, space: gridding.Space, cell: float
+) -> tuple[gridding.Gridding | None, str]:
+    """Return the best grid of cells of a size, and why it is of no use, as of `_problem_of`."""
+    layout = None
+    if cell >= plan.resolution and _square_count(plan, cell) <= MOST_CELLS:
+        layout = gridding.best_layout(space, cell / plan.resolution)
+    return layout, _problem_of(plan, layout, cell)
+
+
+def _layout_of(
+    plan: FloorPlan, space: gridding.Space, cell: float
+) -> gridding.Gridding:
+    """Return the best grid of cells of a size; MapError names another size if it is of no use."""
+    layout, problem = _tried_layout(plan, space, cell)
+    if layout is not None and not problem:
+        return layout
+    sizes = _sizes(plan, cell)
+    works = next((one for one in sizes if not _tried_layout(plan, space, one)[1]), None)
+    remedy = f"cells of {works:g} m work" if works else _no_size(sizes)
+    raise MapError(f"map {plan.name}: cells of {cell:g} m {problem}; {remedy}")
+
+
+def _no_size(sizes: Sequence[float]) -> str:
+    return (
+        f"of {len(sizes)} sizes from {min(sizes):g} to {max(sizes):g} m none works, so cut the "
+        "map to a part, or draw its walls thicker"
+    )
+
+
+def _chosen_layout(
+    plan: FloorPlan, space: gridding.Space, radius: float
+) -> tuple[float, gridding.Gridding]:
+    """Return a size of cells that suits a robot, and the best grid of such cells."""
+    preferred = CELL_RADII * radius or CELL_PIXELS * plan.resolution
+    sizes = _sizes(plan, preferred)
+    found: list[tuple[float, gridding.Gridding]] = []
+    for number, size in enumerate(sizes):
+        if found and number >= NEAR_SIZES:
+            break
+        layout, problem = _tried_layout(plan, space, size)
+        if layout is not None and not problem:
+            found.append((size, layout))
+    if not found:
+        raise MapError(f"map {plan.name}: {_no_size(sizes)}")
+    return min(found, key=lambda one: one[1].cut)
+
+
+def _sizes(plan: FloorPlan, preferred: float) -> list[float]:
+    """Return the sizes of cells to try, nearest to a preferred one first.
+
+    They are no smaller than a pixel, and make no more than `MOST_CELLS` squares.
+    """
+    step = SIZE_STEP if preferred >= 4 * SIZE_STEP else SIZE_STEP / 5
+    most = math.sqrt(plan.free.size / MOST_CELLS)
+    least = max(1.0, most) * plan.resolution
+    sizes = []
+    for factor in SIZE_FACTORS:
+        steps = max(round(factor * preferred / step), math.ceil(least / step - 1e-9))
+        size = round(steps * step, 6)
+        if size not in sizes:
+            sizes.append(size)
+    return sizes
 
 
 def _doorways(
@@ -219,7 +349,7 @@ def _doorways(
         number = doors[frame.cell(place, "no doorway")]
         if not number:
             remedy = "the picture shows them"
-            raise MapError(f"no doorway at {_metres(place)}: there is none; {remedy}")
+            raise MapError(f"no doorway at {metres(place)}: there is none; {remedy}")
         doors[doors == number] = 0
     for place in add:
         where = frame.cell(place, "doorway")
@@ -229,11 +359,17 @@ def _doorways(
 
 def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
     """Yield warnings about an image or the sizes, one line each."""
-    if plan.doubtful:
+    if plan.doubtful >= LEAST_SHARE:
         share = percent(plan.doubtful, whole=True)
         yield (
             f"{share} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
             "writes for unknown: where they are unknown, set free_thresh to 0.196 in the YAML file"
+        )
+    if plan.transparent >= LEAST_SHARE:
+        share = percent(plan.transparent, whole=True)
+        yield (
+            f"{share} of the pixels are transparent, and count as unknown or occupied: where they "
+            "are free, fill them with white"
         )
     narrow = radius / (0.5 - CLEAR)
     if cell < narrow:
@@ -241,6 +377,50 @@ def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
             f"lanes touch walls: cells of {cell:g} m leave {max(0.0, cell / 2 - radius):.2g} m on "
             f"each side of a robot of radius {radius:g} m; choose cells of {narrow:.2g} m or more"
         )
+
+
+def _direction_notes(plan: FloorPlan) -> Iterator[str]:
+    """Yield a warning if the walls lie askew to the grid."""
+    direction = wall_direction(plan)
+    if direction is not None and abs(math.degrees(direction)) >= ASKEW:
+        yield (
+            f"the walls lie at {math.degrees(direction):.1f} degrees to the grid, so doorways are "
+            "lost: --turn auto lays the grid along them"
+        )
+
+
+def _dust_notes(
+    space: gridding.Space,
+    frame: "_Frame",
+    only_free: np.ndarray,
+    only_doors: np.ndarray,
+) -> Iterator[str]:
+    """Yield a note about spots that were dropped.
+
+    Args:
+        space: the space, with the number of spots.
+        frame: the grid.
+        only_free: cells that are free only because spots were dropped, shape (rows, columns).
+        only_doors: doorways only because of that, shape (rows, columns).
+    """
+    if not (only_free.any() or only_doors.any()):
+        return
+    doors = [frame.centre(tuple(one)) for one in np.argwhere(only_doors)]
+    others = [frame.centre(tuple(one)) for one in np.argwhere(only_free & ~only_doors)]
+    what = [_count(len(doors), "doorway cell", "doorway cells")] * bool(doors)
+    what += [_count(len(others), "other cell", "other cells")] * bool(others)
+    yield (
+        f"{_count(space.dust_spots, 'spot', 'spots')} of up to {gridding.SPECK:g} m dropped as "
+        f"dust; only because of that there {'is' if len(doors + others) == 1 else 'are'} "
+        f"{' and '.join(what)}: at {places([*doors, *others])}; draw real things larger in the "
+        "image"
+    )
+
+
+def places(listed: Sequence[Place]) -> str:
+    """Return the first places of a list as text."""
+    named = " ".join(metres(place) for place in listed[:SHOWN])
+    return named + " ..." * (len(listed) > SHOWN)
 
 
 def _notes(
@@ -262,12 +442,10 @@ def _notes(
             "doorway"
         )
     if wide:
-        places = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
         yield (
             f"{_count(len(wide), 'passage is', 'passages are')} two cells wide, and no doorway, "
-            f"as two robots pass there side by side: at {places}"
-            f"{' ...' * (len(wide) > SHOWN)}; where they would not, choose larger cells, or "
-            "make both cells a doorway"
+            f"as two robots pass there side by side: at {places(wide)}; where they would not, "
+            "choose larger cells, or make both cells a doorway"
         )
 
 
@@ -278,18 +456,14 @@ def _count(number: int, one: str, many: str) -> str:
 class _Frame:
     """Cells of a grid by their places in metres, and back."""
 
-    def __init__(self, free: np.ndarray, corner: Place, side: float, name: str) -> None:
+    def __init__(self, free: np.ndarray, squares: Squares, name: str) -> None:
         self._free = free.copy()
-        self._corner = corner
-        self._side = side
+        self._squares = squares
         self._name = name
 
     def centre(self, cell: tuple[int, int]) -> Place:
         """Return (x, y) of the middle of a cell (row, column)."""
-        row, column = cell
-        level = self._free.shape[0] - 1 - row
-        x, y = self._corner
-        return x + (column + 0.5) * self._side, y + (level + 0.5) * self._side
+        return self._squares.centre(*cell)
 
     def cell(self, place: Place, what: str) -> tuple[int, int]:
         """Return (row, column) of the free cell at a place.
@@ -298,24 +472,19 @@ class _Frame:
             MapError: no free cell is there.
         """
         height, width = self._free.shape
-        column = math.floor((place[0] - self._corner[0]) / self._side)
-        row = height - 1 - math.floor((place[1] - self._corner[1]) / self._side)
+        row, column = self._squares.at(*place) or (-1, -1)
         inside = 0 <= row < height and 0 <= column < width
         if inside and self._free[row, column]:
             return row, column
-        cells: Any = np.nonzero(self._free)
-        x, y = np.array(self.centre(cells))
+        x, y = self._squares.centre(*np.nonzero(self._free))
         near = int(np.hypot(x - place[0], y - place[1]).argmin())
         problem = "is in no free cell" if inside else "is outside the map"
-        remedy = f"the nearest free cell is at {x[near]:.2f},{y[near]:.2f}"
-        raise MapError(
-            f"{what} at {_metres(place)} {problem} of {self._name}; {remedy}"
-        )
+        remedy = f"the nearest free cell is at {metres((x[near], y[near]))}"
+        raise MapError(f"{what} at {metres(place)} {problem} of {self._name}; {remedy}")
 
 
 def _frame_of(grid: GridMap) -> _Frame:
-    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
-    return _Frame(free, grid.origin, grid.resolution or 1.0, grid.name)
+    return _Frame(grid.free, grid.squares, grid.name)
 
 
 def centre_of(grid: GridMap, cell: int) -> Place:
@@ -334,10 +503,6 @@ def _robot_cells(
         )
         for k, (start, goal) in enumerate(robots, start=1)
     ]
-
-
-def _metres(place: Place) -> str:
-    return f"{place[0]:g},{place[1]:g}"
 
 
 def suggested_settings(

@@ -12,6 +12,7 @@ the last field. Here padding is zeros, and the last field ends the message, so t
 packs the same bytes.
 """
 
+import math
 import struct
 from collections.abc import Iterable
 from itertools import groupby
@@ -184,6 +185,7 @@ def place(prefix: str = "") -> list[Item]:
     return [Free(f"{prefix}xy", "(2,)<f8"), Fixed("<f8", 0.0), *UPRIGHT]
 
 
-def place_at(x: float, y: float) -> list[Item]:
-    """Return the fields of a constant pose."""
-    return [Fixed("<f8", x), Fixed("<f8", y), Fixed("<f8", 0.0), *UPRIGHT]
+def place_at(x: float, y: float, yaw: float = 0.0) -> list[Item]:
+    """Return the fields of a constant pose that is flat on the map."""
+    turn = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    return [Fixed("<f8", value) for value in (x, y, 0.0, *turn)]

@@ -5,8 +5,6 @@
 The nodes and the readers of their log share this object, so that both convert equally.
 """
 
-from math import isfinite
-
 from sparse_coord_ros.core.game.actions import DIRECTIONS
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.runs.run_config import RunConfig
@@ -15,7 +13,7 @@ SECOND = 1_000_000_000
 """Nanoseconds."""
 
 EAST_NORTH = [(float(column), float(-row)) for row, column in DIRECTIONS]
-"""The primitive actions as unit vectors (x east, y north: REP-103)."""
+"""The primitive actions as unit vectors (x east, y north: REP-103) along the map's axes."""
 MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
 
 
@@ -23,13 +21,13 @@ class Frame:
     """The frame `map` and the clock of one run.
 
     Args:
-        run: the run; time step t has the stamp t * step_period seconds, the map's lower left
-            corner lies at its `origin`, x points east, y north.
+        run: the run; time step t has the stamp t * step_period seconds, the map lies at its
+            `origin`. If that has no yaw, east is along x, north along y.
 
     Attributes:
         grid: the map.
         resolution: metres a cell.
-        origin: (x, y) of the map's lower left corner, in metres.
+        origin: the pose of the map's lower left corner.
         period: nanoseconds a time step.
         centres: (x, y) of the middle of each free cell, in metres.
         names: the robots' names; robots: their number.
@@ -38,16 +36,11 @@ class Frame:
     def __init__(self, run: RunConfig) -> None:
         self.grid: GridMap = run.scenario.map
         self.resolution = run.resolution
-        self.origin = x, y = self.grid.origin
+        self.origin = self.grid.origin
         self.names = run.scenario.names
         self.robots = len(self.names)
         self.period = round(run.step_period * SECOND)
-        rows = self.grid.shape[0]
-        side = self.resolution
-        cells = self.grid.cells
-        self.centres = [
-            (x + (c + 0.5) * side, y + (rows - r - 0.5) * side) for r, c in cells
-        ]
+        self.centres = [self.grid.squares.centre(*cell) for cell in self.grid.cells]
         self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
 
     def stamp(self, step: int) -> tuple[int, int]:
@@ -62,10 +55,6 @@ class Frame:
         """Return the free cell at a position in metres, or None."""
         cell = self._cells.get((x, y))
         if cell is None:
-            column = (x - self.origin[0]) // self.resolution
-            south = (y - self.origin[1]) // self.resolution
-            # far away they may overflow
-            if isfinite(column) and isfinite(south):
-                position = (self.grid.shape[0] - 1 - int(south), int(column))
-                cell = self.grid.number.get(position)
+            square = self.grid.squares.at(x, y)
+            cell = None if square is None else self.grid.number.get(square)
         return cell

@@ -261,7 +261,11 @@ def markers_layout(frame: Frame, scenario: Scenario) -> Layout:
             space,
             *(Fixed("<i4", n) for n in (number, shape, SHOW)),
         ]
-        items += place(f"{i}_") if cell is None else place_at(*frame.centres[cell])
+        items += (
+            place(f"{i}_")
+            if cell is None
+            else place_at(*frame.centres[cell], frame.origin.yaw)
+        )
         items += [
             Fixed("<f8", size * frame.resolution) for size in (width, width, height)
         ]

@@ -18,8 +18,9 @@ from rclpy.lifecycle.node import TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros.base.errors import SettingError, needed
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
 from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals

@@ -21,7 +21,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from sparse_coord_ros.base.errors import needed
-from sparse_coord_ros.lab.driving.metric_map import MetricMap, Pose
+from sparse_coord_ros.core.game.pose import Pose
+from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator
 from sparse_coord_ros.ros.nodes.mover import MoverNode
 from sparse_coord_ros.ros.nodes.spin import run_node

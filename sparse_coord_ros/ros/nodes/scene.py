@@ -16,7 +16,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, rgb
-from sparse_coord_ros.lab.driving.metric_map import Pose
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.protocol.wire import (
     OCCUPANCY,
     QUESTIONS,
@@ -30,6 +30,7 @@ from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
     TransformPublisher,
+    pose_message,
     robot_frame,
     transform,
 )
@@ -131,7 +132,9 @@ class Scene:
         alpha = (0.15, 0.45, 0.8)[min(robots, 2)]
         box = self._marker(OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
         metres = self.convert.resolution
-        box.pose.position.x, box.pose.position.y = self.convert.centres[cell]
+        box.pose = pose_message(
+            Pose(*self.convert.centres[cell], self.convert.origin.yaw)
+        )
         box.scale.x = box.scale.y = 0.96 * metres
         box.scale.z = (0.02 + 0.15 * robots) * metres
         return box

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
-from sparse_coord_ros.lab.driving.metric_map import Pose
+from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 

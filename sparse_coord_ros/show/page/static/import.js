@@ -24,6 +24,14 @@ const picture = svg("image", { preserveAspectRatio: "none" });
 const free = svg("path", { class: "cells" }), doors = svg("path", {}), over = svg("g");
 const at = ([x, y]) => [x * METRE, -y * METRE];
 
+// Of places relative to a pose [x, y, yaw]: metres ahead and left of it; and back.
+const absolute = ([x, y, yaw = 0], [ahead, left]) => [
+  x + Math.cos(yaw) * ahead - Math.sin(yaw) * left,
+  y + Math.sin(yaw) * ahead + Math.cos(yaw) * left,
+];
+const relative = ([x, y, yaw = 0], [px, py]) => absolute([0, 0, -yaw], [px - x, py - y]);
+const lies = (pose) => `translate(${at(pose)}) rotate(${(-(pose[2] ?? 0) * 180) / Math.PI})`;
+
 class Plan extends View {
   look() {
     this.unit = 1 / super.look(); // units of a pixel
@@ -153,9 +161,13 @@ function showProspect() {
 function layPicture(scale) {
   const { resolution, origin } = scale;
   laid = structuredClone(scale);
-  const [width, height] = run.pixels.map((one) => one * resolution * METRE), [x, y] = at(origin), edge = 0.05 * Math.max(width, height);
-  for (const [key, value] of Object.entries({ x, y: y - height, width, height, href: run.picture })) picture.setAttribute(key, value);
-  view.show({ x: x - edge, y: y - height - edge / 4, width: width + 2 * edge, height: height + 1.25 * edge }, 2 * METRE);
+  const [wide, tall] = run.pixels.map((one) => one * resolution);
+  const size = { x: 0, y: -tall * METRE, width: wide * METRE, height: tall * METRE };
+  for (const [key, value] of Object.entries({ ...size, transform: lies(origin), href: run.picture })) picture.setAttribute(key, value);
+  const corners = [[0, 0], [wide, 0], [0, tall], [wide, tall]].map((corner) => at(absolute(origin, corner)));
+  const [xs, ys] = [0, 1].map((axis) => corners.map((corner) => corner[axis]));
+  const x = Math.min(...xs), y = Math.min(...ys), width = Math.max(...xs) - x, height = Math.max(...ys) - y, edge = 0.05 * Math.max(width, height);
+  view.show({ x: x - edge, y: y - edge / 4, width: width + 2 * edge, height: height + 1.25 * edge }, 2 * METRE);
 }
 
 const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
@@ -184,11 +196,12 @@ const TAKE = {
     if (same(imported.chosen, chosen)) waiting = false;
     if (!waiting) chosen = imported.chosen; // another page has chosen it
     if (!same(prospect.chosen, chosen)) prospect = { note: "", doorway: null };
-    const { rows, resolution: side, cells, doorways_in_words: doorways, suggested } = imported, [x, y] = at(imported.origin), a = side * METRE;
+    const { rows, resolution: side, cells, doorways_in_words: doorways, suggested } = imported, a = side * METRE;
     const path = (sign, margin) => rows.flatMap((row, r) => [...row].map((one, c) => (one !== sign ? "" :
-      `M${x + (c + margin) * a},${y - (rows.length - r - margin) * a}h${(1 - 2 * margin) * a}v${(1 - 2 * margin) * a}h${-(1 - 2 * margin) * a}z`))).join("");
+      `M${(c + margin) * a},${-(rows.length - r - margin) * a}h${(1 - 2 * margin) * a}v${(1 - 2 * margin) * a}h${-(1 - 2 * margin) * a}z`))).join("");
     free.setAttribute("d", path(".", 0.08));
     doors.setAttribute("d", path("D", 0.03));
+    for (const one of [free, doors]) one.setAttribute("transform", lies(imported.origin));
     $("facts").textContent = `${number(cells)} cells of ${side} m, ${doorways}`;
     $("interactions").textContent = imported.interactions;
     const settings = Object.entries(suggested).map(([key, value]) => `${key}=${value}`).join(", ");
@@ -268,8 +281,8 @@ const tool = () => document.querySelector("input[name=tool]:checked").value;
 // The place in metres, as the middle of its cell where there is one, and the cell's sign.
 function cellAt(x, y) {
   const { rows, resolution: side, origin } = imported ?? { rows: [], resolution: 1, origin: [0, 0] };
-  const c = Math.floor((x - origin[0]) / side), level = Math.floor((y - origin[1]) / side), sign = rows[rows.length - 1 - level]?.[c];
-  const place = sign ? [origin[0] + (c + 0.5) * side, origin[1] + (level + 0.5) * side] : [x, y];
+  const [c, level] = relative(origin, [x, y]).map((one) => Math.floor(one / side)), sign = rows[rows.length - 1 - level]?.[c];
+  const place = sign ? absolute(origin, [(c + 0.5) * side, (level + 0.5) * side]) : [x, y];
   return { place: place.map((one) => Number(one.toFixed(3))), sign, key: `${level} ${c}` };
 }
 
@@ -299,7 +312,7 @@ $("map").addEventListener("keydown", (event) => {
   event.preventDefault();
   const { x, y, width, height } = view.seen, from = cursor ?? metres({ x: x + width / 2, y: y + height / 2 });
   if (!by) return act(from);
-  const next = from.map((one, axis) => one + by[axis] * (imported?.resolution ?? 1)), { place } = cellAt(...next);
+  const side = imported?.resolution ?? 1, next = absolute([...from, imported?.origin[2]], by.map((one) => one * side)), { place } = cellAt(...next);
   if (!view.holds(...at(place))) return;
   cursor = place;
   $("where").textContent = $("said").textContent = describe(cursor);
