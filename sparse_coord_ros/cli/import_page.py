@@ -365,7 +365,7 @@ def _first(options: argparse.Namespace) -> dict[str, Any]:
         with retold(MapError, SparseCoordError, f"{options.map}: field {FIELD!r}"):
             if not isinstance(kept, Mapping):
                 raise SettingError(f"allowed: {', '.join(first)}, each with its value")
-            first |= _chosen(first | kept, scaled=False)
+            first |= _chosen({**first, **kept}, scaled=False)
     given = {name: getattr(options, name) for name in first}
     return first | {name: value for name, value in given.items() if value}
 

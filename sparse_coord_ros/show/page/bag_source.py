@@ -391,9 +391,9 @@ class BagSource(controls.Played):
     def _show(self, log: RunLog, row: int) -> None:
         step = int(log.step[row])
         so_far = self._counts.up_to(step, log)
-        around = {"rate": self._pace, "first": self.first, "last": self.log.last_step}
+        around: Message = {"rate": self._pace, "made": self._counts.made_before(step)}
+        around |= {"first": self.first, "last": self.log.last_step}
         around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
-        around["made"] = self._counts.made_before(step)
         if self._new("frame", (step, self.state, around)):
             fields = messages.frame_fields(
                 logged_step(log, row), logged_trails(log, row), self._narrator

@@ -400,7 +400,7 @@ def in_words(
     narrator: Narrator,
     rows: Mapping[int, str],
     reasons: Mapping[int, explain.Reason],
-    made: int,
+    made: int | None,
 ) -> Iterator[Message]:
     """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
 
@@ -411,7 +411,7 @@ def in_words(
         narrator: of the scenario.
         rows: by robot, the row of its tables that decided, in words.
         reasons: by robot, the reason for its move, if that is known.
-        made: learning steps before.
+        made: learning steps before; None: not known so far.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
