@@ -76,8 +76,9 @@ def test_train(sparse_coord, folder):
     assert (run.learner, run.seed, run.scenario.max_steps) == ("indiv", 4, 40)
     assert same_bits(load_history(directory), expected.history)
     assert tables_equal(tables_in(directory), expected.tables)
-    table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
-    assert out.startswith(table)
+    evaluated = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
+    table, _, verdict = evaluated.rstrip("\n").rpartition("\n")
+    assert out.startswith(table) and out.endswith(f"\n{verdict}\n")
 
 
 def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
@@ -314,7 +315,5 @@ def test_what_was_learned_is_computed_where_that_can_be(
     code, out, _ = sparse_coord("train", scenario, "--steps", 300, "--out", "a")
     source = "exact" if scenario == "env1" else "30 trials"
     assert (code, out.splitlines()[2].endswith(f"  {source}")) == (0, True)
-    assert out.startswith(
-        "".join(sparse_coord("evaluate", "a")[1].rpartition("\nIn ")[0])
-    )
+    assert out.startswith(sparse_coord("evaluate", "a")[1].rpartition("\nIn ")[0])
     assert "some robot did not arrive." in out
