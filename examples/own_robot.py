@@ -19,7 +19,6 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -45,11 +44,10 @@ class OwnRobot(Node):
         self.name = self.get_name()
         self.action = self.create_publisher(JointState, "~/action", STEP)
         self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
-        service = self.create_service(GetPlan, "~/active_perception", self.on_asked)
-        contents = ServiceIntrospectionState.CONTENTS
-        service.configure_introspection(self.get_clock(), STEP, contents)
+        self.create_service(GetPlan, "~/active_perception", self.on_asked)
         self.create_subscription(String, "run", self.on_run, LATCHED)
-        self.create_subscription(OccupancyGrid, "map", self.on_map, LATCHED)
+        floor = "world_simulator/map"
+        self.create_subscription(OccupancyGrid, floor, self.on_map, LATCHED)
         self.create_subscription(DiagnosticStatus, "status", self.on_status, LATCHED)
 
     def on_run(self, message):

@@ -12,7 +12,7 @@ from sparse_coord_ros.base.share import PACKAGE
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.ros.launching import ARGUMENTS, described, one_for_each, typed
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
@@ -32,7 +32,7 @@ def start(given, context):
     """Put a base at the start of each robot."""
     values = typed(OWN, given)
     scenario = load_scenario(values.get("scenario", OWN["scenario"].default))
-    centres = Frame(make_run(scenario, {})).centres
+    centres = Messages(make_run(scenario, {})).centres
     places = [centres[robot.start] for robot in scenario.robots]
     said = {
         "bases": one_for_each("robots", values.get("robots", ""), scenario.names),

@@ -6,22 +6,26 @@ A scenario may be given as a `Scenario`, as the name of a shipped one, or as the
 file; a learner as a `Learner`, its class, its name, or `module:Class`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import (
     SparseCoordError,
     TablesError,
     check_argument,
-    check_function,
+    check_choice,
+    needed,
     wrong_argument,
 )
 from sparse_coord_ros.base.files import path_argument
+from sparse_coord_ros.base.progress import Show, shown
 from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.engine.cluster import SchedulerLike, check_place, cluster_at
 from sparse_coord_ros.core.engine.trained import Training
@@ -49,7 +53,12 @@ from sparse_coord_ros.core.learners.registry import (
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.learners.voi import Voi
 from sparse_coord_ros.core.runs import evaluation, run_config
-from sparse_coord_ros.core.runs.history import History, load_history
+from sparse_coord_ros.core.runs.history import (
+    MEAN_CURVES,
+    History,
+    load_history,
+    mean_curves,
+)
 from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.core.runs.tables import load_team
@@ -69,25 +78,27 @@ from sparse_coord_ros.studies.catalogue import experiment_names
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.frames import ResultsLike, listed, to_pandas
-from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment
+from sparse_coord_ros.studies.runner import run_experiment
 from sparse_coord_ros.studies.store import RUNS, TRIALS_OR_NONE, Plan
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
-    from sparse_coord_ros.core.vector_env import VectorGame
+    from sparse_coord_ros.core.pettingzoo_env import SparseCoordEnv
+    from sparse_coord_ros.core.vector_env import Seeds, VectorGame
     from sparse_coord_ros.log.runlog import RunLog, Verification
 
 # Scenarios
 __all__ = ["load_scenario", "scenario_names", "Scenario"]
 # Learning
-__all__ += ["train", "train_many", "Training", "Tables", "History"]
+__all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
 # What it is worth
 __all__ += ["evaluate", "evaluate_exact", "Measures", "by_run"]
 __all__ += ["optimum", "shortest_paths"]
 __all__ += ["find_asking_team", "shipped_asking_team", "AskingTeam", "RobotPolicy"]
 # Environments for other people's learners
-__all__ += ["vector_env", "VectorGame"]
+__all__ += ["vector_env", "VectorGame", "pettingzoo_env"]
 # What is on disk
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
@@ -171,6 +182,62 @@ def _in_html(run: "Training | SavedRun") -> str:
 Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
+PLOTS = "pip install pandas matplotlib"
+"""What plots need."""
+
+
+class Runs(list[Training]):
+    """Learning runs of one learner in one scenario, as `train_many` returns them: a list."""
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"<Runs of {len(self)}: {self[0]!r}, ...>" if self else "<Runs of 0>"
+
+    @property
+    def measures(self) -> Measures:
+        """The measures of all teams, a row for each.
+
+        Raises:
+            SettingError: the runs were not evaluated (`trials=0`).
+        """
+        return by_run(run.measures for run in self if run.measures is not None)
+
+    @property
+    def history(self) -> "pd.DataFrame":
+        """The mean learning curves of the runs, a row for each of 50 parts of the learning steps.
+
+        Its columns: `steps`, the learning steps at the end of the part; and of the episodes that
+        end in it `returns` (of a robot, discounted, as of `evaluate`; but with exploration and the
+        starts of learning episodes), `length`, `miscoordinations`, `asks` (of a robot) and
+        `arrived` (their share), each with its standard error over the runs, `<name>_error`.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        curves = mean_curves([run.history for run in self], self[0].scenario.steps)
+        return data_frame(curves)
+
+    def plot(
+        self, names: Sequence[str] = ("returns", "miscoordinations", "asks")
+    ) -> "Figure":
+        """Draw the mean learning curves; a band is a standard error over the runs.
+
+        Args:
+            names: some of the columns of `history`.
+
+        Raises:
+            SettingError: there is no such curve.
+        """
+        with needed("plots need pandas and Matplotlib", PLOTS):
+            from sparse_coord_ros.show.mean_curves import curves_figure
+        for name in names:
+            check_choice("curve", name, MEAN_CURVES)
+        one = self[0]
+        game = f"{one.scenario.name}, penalty {one.scenario.penalty:g}"
+        title = f"{one.learner.title}, {game}: {len(self)} runs; band: a standard error"
+        return curves_figure(self.history, names, title)
+
+
 LEARNED_ARGUMENT = "what was learned"
 """How a message calls the argument of this type."""
 
@@ -204,8 +271,8 @@ def train_many(
     engine: str = "auto",
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
-    progress: Callable[[int, int], None] = lambda done, runs: None,
-) -> list[Training]:
+    progress: Show = True,
+) -> Runs:
     """Learn several times, each time with another seed, on all cores.
 
     Run i is the same, bit for bit, as `train` with seed `seed + i`. Plain Python computes in
@@ -224,11 +291,13 @@ def train_many(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
             `LocalCluster`; None: this machine.
-        progress: called with the runs done and to be done.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called with the runs done and to be done.
 
     Returns:
-        The runs, in the order of their seeds, each with the `measures` of its team.
-        `by_run(run.measures for run in runs)` are those of all teams.
+        A list of the runs, in the order of their seeds, each with the `measures` of its team.
+        `runs.measures` are those of all teams; `runs.history` is their mean learning curve, and
+        `runs.plot()` draws it.
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
@@ -240,7 +309,7 @@ def train_many(
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS_OR_NONE.parse(trials))
     jobs = check_place(jobs, scheduler)
-    check_function("progress", progress)
+    told = shown(progress, "runs")
     done: list[Training] = []
     with cluster_at(scheduler) as cluster:
         for run in run_batch(
@@ -254,8 +323,8 @@ def train_many(
             cluster=cluster,
         ):
             done.append(run)
-            progress(len(done), plan.runs)
-    return done
+            told(len(done), plan.runs)
+    return Runs(done)
 
 
 def evaluate(
@@ -371,10 +440,10 @@ def vector_env(
     scenario: ScenarioLike,
     games: int,
     *,
-    seed: int | None = None,
+    seed: "Seeds" = None,
     asking: str = "half_steps",
     phase: str = "evaluation",
-    autoreset: str = "next_step",
+    autoreset: str | Enum = "next_step",
 ) -> "VectorGame":
     """Return many games of a scenario at once, as a vector environment for a learner of any kind.
 
@@ -385,13 +454,15 @@ def vector_env(
     Args:
         scenario: the problem.
         games: number of games.
-        seed: game i is that of a single run with seed `seed + i`; None: a random seed.
+        seed: game i is that of a single run with seed `seed + i`; or a list of the games' seeds;
+            None: random seeds.
         asking: "half_steps": a robot that asks gets the answer, then moves, in one time step, as
             in the paper; "in_observation": it asks with a move, and the answer is in the next
             observation. They are different classes of teams.
         phase: "evaluation": episodes begin at the scenario's starts, and last `horizon` steps;
             "learning": exploring starts and `max_steps`, as learning episodes do here.
-        autoreset: when a game that has ended begins anew: "next_step", "same_step" or "disabled".
+        autoreset: when a game that has ended begins anew: "next_step", "same_step" or "disabled",
+            or one of gymnasium.vector.AutoresetMode.
 
     Raises:
         ScenarioError, SettingError: no such scenario, or a bad value.
@@ -401,6 +472,36 @@ def vector_env(
     return VectorGame(
         scenario, games, seed=seed, asking=asking, phase=phase, autoreset=autoreset
     )
+
+
+def pettingzoo_env(
+    scenario: ScenarioLike,
+    *,
+    asking: str = "half_steps",
+    phase: str = "evaluation",
+    render_mode: str | None = None,
+) -> "SparseCoordEnv":
+    """Return a scenario as a parallel environment of PettingZoo.
+
+    With "half_steps" a learner must not discount between the halves of a time step
+    (`infos[agent]["half_step"]`); then the discounted sum of the rewards of an episode is the
+    return that `evaluate` reports.
+
+    Args:
+        scenario: the problem.
+        asking: "half_steps": a robot that asks gets the answer, then moves, as in the paper, and
+            masks say what is allowed; "in_observation": for learners without masks: a robot asks
+            with a move, and the answer is in the next observation.
+        phase: as of `vector_env`.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ScenarioError, SettingError: no such scenario, or a bad value.
+        RunError: PettingZoo is not installed.
+    """
+    from sparse_coord_ros.core.pettingzoo_env import SparseCoordEnv
+
+    return SparseCoordEnv(scenario, asking=asking, phase=phase, render_mode=render_mode)
 
 
 def sweep(
@@ -415,7 +516,7 @@ def sweep(
     engine: str = "auto",
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
-    progress: Progress = no_progress,
+    progress: Show = True,
 ) -> dict[str, ConditionResult]:
     """Learn with every combination of some settings, a condition each; on all cores.
 
@@ -438,7 +539,8 @@ def sweep(
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
-        progress: called with a condition's id, the agent-steps done and those of the whole call.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called with a condition's id, the agent-steps done and those of the whole call.
 
     Returns:
         The result of each condition, by its id.
@@ -479,6 +581,8 @@ def plot(
 ) -> "Figure":
     """Draw learners against a setting, beside their reference values.
 
+    Learners that differ in no setting are bars.
+
     There is a panel for each combination of the other settings. Bars are standard errors of
     the means of the learning runs.
 
@@ -491,8 +595,8 @@ def plot(
     Raises:
         SettingError: `x` has only one value, or the measure is unknown.
     """
-    from sparse_coord_ros.studies.figures import swept_figure
-
+    with needed("plots need pandas and Matplotlib", PLOTS):
+        from sparse_coord_ros.studies.figures import swept_figure
     return swept_figure(listed(results), x, measures)
 
 

@@ -22,6 +22,7 @@ from sparse_coord_ros.base.errors import (
     SparseCoordError,
 )
 from sparse_coord_ros.base.signals import STOPPING
+from sparse_coord_ros.base.streams import open_streams
 
 COMMAND_LINE = "sparse_coord"
 NODES = (
@@ -65,6 +66,7 @@ def main(name: str) -> int:
     Args:
         name: one of `NODES`, or `COMMAND_LINE`.
     """
+    open_streams()
     is_node = name != COMMAND_LINE
     is_live = is_node or runs_nodes(sys.argv[1:2])
     module = (

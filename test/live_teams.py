@@ -12,12 +12,11 @@ from teams import tables_equal
 
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import learn
-from sparse_coord_ros.core.runs.run_config import load_run
+from sparse_coord_ros.core.runs.run_config import SUMMARY_FILE, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.log.runlog import Verification
 from sparse_coord_ros.protocol.wire.status import read_status, values_of
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE
 
 
 def command(executable: str, *words: str) -> list[str]:

@@ -10,7 +10,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from mcap.writer import CompressionType, Writer
-from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String, UInt8MultiArray
 
@@ -30,9 +29,10 @@ from sparse_coord_ros.log.bags.writer import DEFAULT_CHUNK_SIZE
 from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.wire import MAP
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.protocol.wire.tables import read_tables
-from sparse_coord_ros.ros.nodes.messages import Converter, status, tables_message
+from sparse_coord_ros.ros.nodes.messages import messages_of, status, tables_message
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
@@ -43,7 +43,6 @@ TYPES = {
     "reward": "sensor_msgs/msg/JointState",
     "action": "sensor_msgs/msg/JointState",
     "percept": "nav_msgs/msg/Path",
-    "active_perception/_service_event": "nav_msgs/srv/GetPlan_Event",
     "tables": "std_msgs/msg/UInt8MultiArray",
 }
 GRID = "nav_msgs/msg/OccupancyGrid"
@@ -89,7 +88,7 @@ class Recording:
             directory, **({} if chunk is None else {"chunk_size": chunk})
         )
         self.run = run
-        self.convert = Converter(run)
+        self.convert = messages_of(run)
         self.names = [robot.name for robot in run.scenario.robots]
         self.lost = set(lost)
         self.deaf = set(deaf)
@@ -101,10 +100,7 @@ class Recording:
         self.lost_now = []
         self.again = {}
         self.queue = deque()
-        self.wall = WALL
         self.now = 0
-        self.clock = 0
-        self.sequences = {}
         self.tables = {}
         self.bag.add_metadata("sparse_coord_ros", run.record())
         write_run(self.bag, run)
@@ -137,8 +133,7 @@ class Recording:
         for kind, type_name in TYPES.items():
             for name in self.names:
                 self.bag.add_topic(f"/{name}/{kind}", type_name, QoS())
-        self.write("/map", GRID, self.convert.pack_map(0), 0)
-        self.mark()
+        self.write(f"/{MAP.name}", GRID, self.convert.pack_map(0), 0)
         self.say("waiting")
         for k in range(len(self.names)):
             self.coordination_map(k, 0)
@@ -172,7 +167,6 @@ class Recording:
                 self.world.advance()
                 if self.world.world.transitions % STATUS_STEPS == 0:
                     self.say("learning")
-                    self.mark()
                     for k, robot in enumerate(self.robots):
                         self.coordination_map(k, robot.handled)
             elif any(robot.waiting for robot in self.robots):
@@ -225,17 +219,10 @@ class Recording:
             serialize_message(message),
         )
 
-    def mark(self):
-        """Publish the markers."""
-        world = self.world.world
-        data = self.convert.pack_markers(self.convert.stamp(world.step), world.cells)
-        self.write("/markers", "visualization_msgs/msg/MarkerArray", data)
-
     def coordination_map(self, k, step):
         """Publish a robot's coordination map."""
-        data = self.convert.pack_coordination_map(
-            step, self.robots[k].agent.tables.q_star
-        )
+        asking = self.convert.asking_cells(self.robots[k].agent.q_star)
+        data = self.convert.pack_coordination_map(step, asking)
         self.write(f"/{self.names[k]}/coordination_map", GRID, data, step)
 
     def save(self, k, step):
@@ -258,20 +245,11 @@ class Recording:
 
     # The world's port.
 
-    def episode(self, step):
-        """Record map and markers again."""
-        self.write("/map", GRID, self.convert.pack_map(step), step)
-        self.mark()
-
     def checkpoint(self, step):
         """The world saves where it is: nothing that a bag holds."""
 
     def state(self, k, step, cell):
         """Publish a local state."""
-        if step != self.clock:
-            self.clock = step
-            data = self.convert.pack_clock(step)
-            self.write("/clock", "rosgraph_msgs/msg/Clock", data, step)
         data = self.convert.pack_state(step, cell)
         self.write(f"/{self.names[k]}/local_state", TYPES["local_state"], data, step)
         if (k, step) in self.late:
@@ -295,51 +273,17 @@ class Recording:
 
     # Active perception.
 
-    def event(self, peer, kind, asker, sequence, content):
-        """Record a service event of GetPlan."""
-        self.wall += 150_000
-        event = GetPlan.Event()
-        event.info.event_type = kind
-        event.info.stamp.sec, event.info.stamp.nanosec = divmod(
-            self.wall, 1_000_000_000
-        )
-        event.info.client_gid[0] = 1 + asker
-        event.info.client_gid[15] = 3 if kind in (0, 3) else 4
-        event.info.sequence_number = sequence
-        if kind in (0, 1):
-            event.request = [content]
-        else:
-            event.response = [content]
-        topic = "active_perception/_service_event"
-        self.write(
-            f"/{self.names[peer]}/{topic}", TYPES[topic], serialize_message(event)
-        )
-
     def ask(self, asker, peer, step, cell):
         """Send a request."""
-        request = GetPlan.Request()
-        request.start = self.convert.pose(step, cell)
-        request.goal.header.frame_id = self.names[asker]
-        sequence = self.sequences[asker, peer] = (
-            self.sequences.get((asker, peer), 0) + 1
-        )
-        self.event(peer, 0, asker, sequence, request)
         again = self.again[asker, peer, step] = (
             self.again.get((asker, peer, step), 0) + 1
         )
         if again <= IMMEDIATE_REPEATS and self.arrives("request", asker, step):
-            self.queue.append(
-                lambda: self.answer(asker, peer, step, cell, sequence, request)
-            )
+            self.queue.append(lambda: self.answer(asker, peer, step, cell))
 
-    def answer(self, asker, peer, step, cell, sequence, request):
+    def answer(self, asker, peer, step, cell):
         """Let the peer answer, and the answer arrive."""
-        self.event(peer, 1, asker, sequence, request)
         answer = self.robots[peer].asked(asker, step, cell)
-        response = GetPlan.Response()
-        response.plan = self.convert.path(answer.step, (answer.cell,))
-        self.event(peer, 2, asker, sequence, response)
-        self.event(peer, 3, asker, sequence, response)
         self.queue.append(lambda: self.robots[asker].answer(peer, step, answer))
 
 
@@ -363,9 +307,9 @@ class LoggedRobot:
 
     def percept(self, step, cell, perceived):
         everything = self.all
-        message = everything.convert.path(step, (cell, *(perceived or ())))
+        data = everything.convert.pack_percept(step, (cell, *(perceived or ())))
         topic = f"/{everything.names[self.k]}/percept"
-        everything.write(topic, TYPES["percept"], serialize_message(message), step)
+        everything.write(topic, TYPES["percept"], data, step)
 
     def episode(self, step):
         """Record the coordination map."""
@@ -385,7 +329,7 @@ def write_tables(writer, run, name, step, packed):
     """Write a robot's tables, the bytes of an .npz file, into a bag."""
     channel = writer.add_topic(f"/{name}/tables", TYPES["tables"], QoS())
     message = tables_message(packed, step, "checkpoint", "")
-    at = step * Converter(run).period
+    at = step * messages_of(run).period
     writer.write(channel, serialize_message(message), at, at)
 
 

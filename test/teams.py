@@ -138,7 +138,7 @@ def by_agents(scenario, learner, seed):
     for members, _ in groups_of(scenario, learner):
         world = World(scenario, seed)
         leave_out(world, members)
-        recorder = HistoryRecorder(len(agents))
+        recorder = HistoryRecorder(scenario)
         for agent in agents:
             if agent.number in members:
                 agent.begin_episode()

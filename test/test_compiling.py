@@ -6,6 +6,7 @@ import importlib
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -15,7 +16,6 @@ from sparse_coord_ros.base.compiling import has_numba
 pytestmark = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 
 PROGRAM = """
-import time
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.engine.batch import is_prepared, prepare, run_batch
 from sparse_coord_ros.core.runs.tables import pack_tables
@@ -76,6 +76,19 @@ def test_where_it_is(folder, monkeypatch):
     monkeypatch.setattr(compiling, "SOURCES", ("cli/*.py",))  # other sources
     assert not compiling.is_kept("tables")
     assert len(list(folder.iterdir())) == 3
+
+
+def test_loops_that_nobody_used_for_long_are_deleted(folder):
+    old = folder / ("a" * 16)
+    used = folder / ("b" * 16)
+    other = folder / "mine"
+    long_ago = time.time() - compiling.UNUSED_SECONDS - 10
+    for path, when in ((old, long_ago), (used, time.time()), (other, long_ago)):
+        path.mkdir()
+        (path / "loop.nbc").touch()
+        os.utime(path, (when, when))
+    ours = compiling.folder()
+    assert sorted(folder.iterdir()) == sorted([ours, used, other])
 
 
 OWN_RULE = """

@@ -124,6 +124,23 @@ def make_place():
     """Write the files that commands of the table name."""
     sc.train(ENV1.with_settings(steps=300)).save("a")
     write_grid(load_map("env1"), Path("e"))
+    Path("README.md").write_text("# Maps\n")
+    Path("map.txt").write_text("---\n1.#.2\n..D..\n")
+    Path("ptr.pgm").write_text(POINTER)
+    Path("ptr.yaml").write_text("image: ptr.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    for name in ("lfs.yaml", "lfs.mcap", "lfs.npz"):
+        Path(name).write_text(POINTER)
+    Path("page.yaml").write_text("<!DOCTYPE html>\n<html></html>\n")
+    Path("bag.mcap.zstd").write_bytes(b"\x28\xb5\x2f\xfd1234")
+    Path("db3").mkdir()
+    Path("db3/bag_0.db3").write_bytes(b"SQLite format 3\0")
+
+
+POINTER = f"""version https://git-lfs.github.com/spec/v1
+oid sha256:{64 * "0"}
+size 12345
+"""
+"""What Git leaves in place of a large file that was not fetched."""
 
 
 def files(folder):

@@ -12,9 +12,11 @@ import functools
 import hashlib
 import inspect
 import os
+import re
 import shutil
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
@@ -54,6 +56,12 @@ SOURCES = (
     "core/engine/*.py",
 )
 """The source files of the loops, of the functions that they call, and of their constants."""
+
+UNUSED_SECONDS = 30 * 24 * 3600.0
+"""Compiled loops that no process has used for so long are deleted, when others are made."""
+
+OUR_FOLDER = re.compile(r"[0-9a-f]{16}")
+"""The name of a folder of compiled loops."""
 
 INTERRUPT_SECONDS = 0.2
 """Longest delay of an interrupt if the system does not wake up the waiting thread."""
@@ -215,11 +223,24 @@ def folder(rule: type | None = None) -> Path | None:
     try:
         base = Path(named) if named else _user_cache()
         found = base / digest_of_sources("\n".join(map(version, COMPILER)), rule)
-        found.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return found if os.access(found, os.W_OK | os.X_OK) else None
+        if not found.exists():
+            found.mkdir(parents=True, mode=0o700, exist_ok=True)
+            _delete_unused(base)
+        if not os.access(found, os.W_OK | os.X_OK):
+            return None
+        os.utime(found)  # it is used
+        return found
     except (OSError, RuntimeError, TypeError, PackageNotFoundError):
         # No space, no home, no file of the rule, or no numba.
         return None
+
+
+def _delete_unused(base: Path) -> None:
+    """Delete the folders of other sources that no process has used for a long time."""
+    long_ago = time.time() - UNUSED_SECONDS
+    for other in base.iterdir():
+        if OUR_FOLDER.fullmatch(other.name) and other.stat().st_mtime < long_ago:
+            shutil.rmtree(other, ignore_errors=True)
 
 
 def _user_cache() -> Path:

@@ -100,6 +100,21 @@ def needed(what: str, remedy: str) -> Iterator[None]:
         raise RunError(f"{what} ({error}); {remedy}") from None
 
 
+INSTALLED_AS = {"PIL": "pillow", "yaml": "PyYAML"}
+"""What one installs, where it has another name than what one imports."""
+
+
+def missing_package(error: ImportError) -> RunError | None:
+    """Return the error for a missing package of others; None: a fault of this one."""
+    if error.name is None or error.name.startswith("sparse_coord_ros"):
+        return None
+    name = error.name.partition(".")[0]
+    package = INSTALLED_AS.get(name, name)
+    return RunError(
+        f"this needs the Python package {package} ({error}): pip install {package}"
+    )
+
+
 @contextmanager
 def retold(
     error: type[SparseCoordError], caught: type[Exception], what: str, remedy: str = ""
@@ -127,6 +142,10 @@ def failure_of(error: Exception) -> SparseCoordError:
     """
     if isinstance(error, SparseCoordError):
         return error
+    if isinstance(error, ImportError):
+        missing = missing_package(error)
+        if missing is not None:
+            return missing
     if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         remedy = "make room" if full else "give another path, or one that you may use"
@@ -212,8 +231,19 @@ OTHER_WORDS = {
     "algorithm": "learner",
     "agent": "learner",
     "output": "out",
+    "total_timesteps": "steps",
+    "step_cost": "goal_reward",
+    "step_reward": "goal_reward",
+    "step_penalty": "goal_reward",
+    "time_penalty": "goal_reward",
+    "living_reward": "goal_reward",
+    "iql": "noncoop",
 }
 """Names that other software has for our settings and options."""
+
+
+NEAR = 0.55
+"""How alike a misspelt name is at least to the right one, by difflib: "kop" and "coop" are."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -226,7 +256,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     bare = wanted.lstrip("-").replace("-", "_")
     if bare in OTHER_WORDS:
         wanted = wanted.removesuffix(wanted.lstrip("-")) + OTHER_WORDS[bare]
-    near = difflib.get_close_matches(wanted, names, n=1)
+    near = difflib.get_close_matches(wanted, names, n=1, cutoff=NEAR)
     return f" (did you mean {names[near[0]]!r}?)" if near else ""
 
 

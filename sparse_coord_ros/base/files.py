@@ -28,6 +28,38 @@ PARTIAL = ".partial"
 """The end of the name of a file that is being written."""
 
 
+STAND_INS = (
+    (
+        b"version https://git-lfs.github.com/",
+        "is a pointer of Git LFS, not the file itself; fetch the file: git lfs pull",
+    ),
+    (
+        b"/annex/objects/",
+        "is a pointer of git-annex, not the file itself; fetch the file: git annex get",
+    ),
+    (
+        b"<!doctype html",
+        "is a web page, not the file itself; download the file (on GitHub: the button Raw)",
+    ),
+    (b"\x1f\x8b", "is compressed; unpack it first: gunzip"),
+    (b"\x28\xb5\x2f\xfd", "is compressed; unpack it first: zstd -d"),
+)
+"""The first bytes of files that stand in place of another, and what to do."""
+
+
+def refuse_stand_in(path: Path, begin: bytes, error: type[SparseCoordError]) -> None:
+    """Raise an `error` if a file is no content, but a pointer to it or a package of it.
+
+    Args:
+        path: the file.
+        begin: its first bytes.
+        error: the class to raise.
+    """
+    for sign, text in STAND_INS:
+        if begin[: len(sign)].lower() == sign:
+            raise error(f"{path}: {text}")
+
+
 def read_file(path: Path, error: type[SparseCoordError], remedy: str) -> bytes:
     """Return the bytes of a file.
 
@@ -37,12 +69,14 @@ def read_file(path: Path, error: type[SparseCoordError], remedy: str) -> bytes:
         remedy: the remedy in the error text.
 
     Raises:
-        SparseCoordError: an `error`: it cannot be read.
+        SparseCoordError: an `error`: it cannot be read, or stands in place of another file.
     """
     try:
-        return path.read_bytes()
+        content = path.read_bytes()
     except OSError as failure:
         raise error(f"{path}: cannot be read ({failure.strerror}); {remedy}") from None
+    refuse_stand_in(path, content, error)
+    return content
 
 
 def read_text(path: Path, error: type[SparseCoordError], remedy: str) -> str:

@@ -69,7 +69,7 @@ def execute(options: argparse.Namespace) -> None:
         {"standings": found},
         shared.format_table(head, [row_of(one) for one in found]),
         "share of the gap: from fixed shortest paths to the best asking team found (two robots;",
-        "no upper bound), or to an upper bound (more robots); in parentheses a standard error",
+        "no upper bound), or to an upper bound (more robots); ±: standard error",
     )
 
 
@@ -78,7 +78,7 @@ def row_of(standing: Mapping[str, Any]) -> list[str]:
     names = [standing["list"], standing["learner"]]
     if standing["share"] is None:
         return [*names, *["-"] * 4]
-    share = f"{percent(standing['share'])} ({100 * standing['error']:.1f})"
+    share = f"{percent(standing['share'])} ± {100 * standing['error']:.1f}"
     failed = f"{standing['failed']} of {standing['teams']}"
     arrived = percent(standing["arrived"])
     return [*names, standing["peers_seen"], share, failed, arrived]

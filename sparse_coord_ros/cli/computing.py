@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from tqdm import tqdm
 
+from sparse_coord_ros.base.progress import in_time
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.core.engine.cluster import JOBS
@@ -77,6 +78,9 @@ class Bar(ExitStack):
         self._unit = unit
         self._quiet = quiet
         self._bar: tqdm | None = None
+        self._first = (0, 0.0)
+        self._done = 0
+        self._total = 0
         self._over = threading.Event()
 
     def __enter__(self) -> Self:
@@ -92,12 +96,22 @@ class Bar(ExitStack):
         seconds = FIRST_SECONDS
         while not self._over.wait(seconds):
             if self._bar is None or self._bar.disable:
-                note(f"{self.doing}: {time.monotonic() - begun:.0f} s so far")
+                passed = time.monotonic() - begun
+                note(f"{self.doing}: {passed:.0f} s so far{self._left()}")
             seconds = LINE_SECONDS
+
+    def _left(self) -> str:
+        """Return how long the rest will take at the pace so far, in words."""
+        made = self._done - self._first[0]
+        if not made:
+            return ""
+        pace = (time.monotonic() - self._first[1]) / made
+        return f", about {in_time(pace * (self._total - self._done))} left"
 
     def show(self, done: int, total: int, name: str = "") -> None:
         """Show the count out of the total."""
         if self._bar is None:
+            self._first = done, time.monotonic()
             bar = tqdm(
                 total=total,
                 initial=done,
@@ -109,6 +123,8 @@ class Bar(ExitStack):
                 smoothing=0.05,
             )
             self._bar = self.enter_context(bar)
+        self._done = done
+        self._total = total
         self.doing = f"{name} {done:,} of {total:,} {self._unit}".lstrip()
         self._bar.set_description(name)
         self._bar.update(done - self._bar.n)

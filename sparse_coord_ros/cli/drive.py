@@ -20,7 +20,7 @@ from sparse_coord_ros.cli.options import (
 from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
-from sparse_coord_ros.core.runs.measures import Measures
+from sparse_coord_ros.core.runs.measures import ERRORS, Measures, standard_error
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive
@@ -39,17 +39,19 @@ EXAMPLE = (
 )
 
 
+def _means(name: str, form: str) -> tuple[str, str]:
+    """Return the cells of a mean ± its standard error: for the bodies, and by the grid."""
+    one = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
+    return one, one.replace(name, f"{name}_in_grid")
+
+
 ROWS = (
     ("all arrived", "{arrived} of {episodes}", "{arrived_in_grid} of {episodes}"),
-    ("steps to the goal", "{time_to_goal:.2f}", "{time_to_goal_in_grid:.2f}"),
-    ("seconds of an episode", "{seconds:.1f}", "{seconds_in_grid:.1f}"),
+    ("steps to the goal", *_means("time_to_goal", ".2f")),
+    ("seconds of an episode", *_means("seconds", ".1f")),
     ("seconds of a step", "{seconds_a_step:.2f}", "{seconds_a_cell:.2f}"),
-    ("asks of a robot in an episode", "{asks:.2f}", "{asks_in_grid:.2f}"),
-    (
-        "steps that end with two in a doorway",
-        "{miscoordinations:.0f}",
-        "{miscoordinations_in_grid:.0f}",
-    ),
+    ("asks of a robot in an episode", *_means("asks", ".2f")),
+    ("miscoordinations in an episode", *_means("miscoordinations", ".2f")),
     ("bodies that touched in a doorway", "{touches_in_doorways}", "-"),
     ("bodies that touched elsewhere", "{touches_elsewhere}", "-"),
     ("bodies that touched a wall", "{bumps}", "-"),
@@ -109,7 +111,7 @@ def execute(options: argparse.Namespace) -> None:
             write_whole(options.out, rendered(paths_figure(run, driven), kind, DPI))
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
-    lines = [format_table(head, rows)]
+    lines = [format_table(head, rows), ERRORS]
     if facts["bumps"]:
         radius = driven.team.simulator.metric_map.radius
         lines.append(
@@ -128,24 +130,24 @@ def facts_of(run: RunConfig, driven: Drive, grid: Measures, speed: float) -> dic
     The grid's prediction of an episode's seconds is its steps, each a cell's way at full speed.
     """
     straight = run.resolution / speed
-    alike = {
-        "arrived": (driven.arrived.all(axis=1).sum(), grid.arrived.sum()),
-        "time_to_goal": (driven.times.mean(), grid.time_to_goal.mean()),
-        "seconds": (
-            driven.seconds.mean(),
-            straight * grid.time_to_goal.max(axis=1).mean(),
-        ),
-        "miscoordinations": (
-            driven.miscoordinations.sum(),
-            grid.miscoordinations.sum(),
-        ),
-        "asks": (driven.asks.mean(), grid.asks.mean()),
+    pairs = {
+        "time_to_goal": (driven.times, grid.time_to_goal),
+        "seconds": (driven.seconds, straight * grid.time_to_goal.max(axis=1)),
+        "miscoordinations": (driven.miscoordinations, grid.miscoordinations),
+        "asks": (driven.asks, grid.asks),
     }
+    means: dict[str, float] = {}
+    for name, values in pairs.items():
+        for key, each in zip((name, f"{name}_in_grid"), values, strict=True):
+            by_episode = each.reshape(len(each), -1).mean(axis=1)
+            means[key] = float(by_episode.mean())
+            means[f"{key}_error"] = standard_error(by_episode)
     return {
         "episodes": len(driven.steps),
         "robots": len(run.scenario.robots),
-        **{name: one.item() for name, (one, _) in alike.items()},
-        **{f"{name}_in_grid": one.item() for name, (_, one) in alike.items()},
+        "arrived": int(driven.arrived.all(axis=1).sum()),
+        "arrived_in_grid": int(grid.arrived.sum()),
+        **means,
         "seconds_a_step": float(driven.seconds.sum() / driven.steps.sum()),
         "seconds_a_cell": straight,
         "touches_in_doorways": int(driven.in_doorways.sum()),

@@ -26,7 +26,13 @@ from sparse_coord_ros.core.game.scenario import (
 )
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
-from sparse_coord_ros.core.runs.measures import ERRORS, EXACT, HEADINGS, Measures
+from sparse_coord_ros.core.runs.measures import (
+    ERRORS,
+    EXACT,
+    HEADINGS,
+    SPREAD,
+    Measures,
+)
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
@@ -54,14 +60,22 @@ OPTIONS = (
     Option(
         "--trials",
         TRIALS,
-        f"{TRIALS.help} (default: exact values where they can be computed quickly, else "
-        f"{TRIALS.default} trials)",
+        f"{TRIALS.help} (default: exact values where that is quick, else {TRIALS.default} trials)",
         {"default": None},
     ),
     Option("--seed", SEED, "seed of the trials"),
+    Option(
+        "--spread",
+        bool,
+        "also show standard deviations over robots and trials, which the paper gives",
+    ),
     ALLOW,
     JSON,
 )
+
+
+RESULT = ("returns", "asks", "miscoordinations", "arrived", "time_to_goal")
+"""The measures in `summary.yaml`, the most important one first."""
 
 
 class Evaluated(NamedTuple):
@@ -78,7 +92,7 @@ def execute(options: argparse.Namespace) -> None:
         evaluated(path, options.trials, options.seed) for path in options.directories
     ]
     facts = [facts_of(one) for one in found]
-    parts = [result_table(runs) for runs in by_game(found)]
+    parts = [result_table(runs, spread=options.spread) for runs in by_game(found)]
     if len(found) == 1:
         [(_, run, measures)] = found
         parts.append(verdict_on(run.scenario, run.rule, measures).text)
@@ -164,10 +178,16 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
 
 
 def result_of(scenario: Scenario, measures: Measures) -> dict[str, Any]:
-    """Return what a team earns beside robots that ignore each other and the best known."""
+    """Return the result of a run for `summary.yaml`: its measures, and the reference values."""
     asking = shipped.shipped_asking_team(scenario)
+    means: dict[str, Any] = {}
+    for name in RESULT:
+        means[name] = measures.mean(name)
+        if measures.error(name) > 0.0:
+            means[f"{name}_error"] = measures.error(name)
     return {
-        **measures.to_dict(),
+        **means,
+        "source": measures.how,
         "shortest_paths": shortest_paths(scenario).mean("returns"),
         "best_asking_team": None if asking is None else asking.value,
         "optimum": shipped.known_optimum(scenario).value,
@@ -190,14 +210,21 @@ def paper_row(run: RunConfig) -> dict:
     return dict(row) if same and scenario.horizon == papers.horizon else {}
 
 
-def result_table(found: Sequence[Evaluated]) -> str:
+def result_table(found: Sequence[Evaluated], *, spread: bool = False) -> str:
     """Return the table of runs of one game: ours, the paper's, and the reference values.
 
     Directories distinguish the runs of one learner.
+
+    Args:
+        found: the runs.
+        spread: whether standard deviations have columns of their own.
     """
     scenario = found[0].run.scenario
     optimum = shipped.known_optimum(scenario).value
     head = [f"{scenario.name}, penalty {scenario.penalty:g}", *HEADINGS.values()]
+    head.append("source")
+    if spread:
+        head += [f"s.d. of {HEADINGS[name]}" for name in SPREAD]
     rows = []
     titles = [run.title for _, run, _ in found]
     papers: dict[str, dict] = {}
@@ -206,21 +233,22 @@ def result_table(found: Sequence[Evaluated]) -> str:
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
         rows.append([named, *measures.cells(optimum=optimum).values()])
+        rows[-1] += measures.spreads()
     for title, paper in papers.items():
         if paper:
-            pairs = (paper.get(name) for name in HEADINGS)
-            cells = ["-" if pair is None else f"{pair[0]:.2f}" for pair in pairs]
-            rows.append([title, *cells, "paper"])
-    paths = shortest_paths(scenario).cells()
-    rows.append(["fixed shortest paths", *paths.values()])
+            pairs = [paper.get(name) for name in HEADINGS]
+            means = ["-" if pair is None else f"{pair[0]:.2f}" for pair in pairs]
+            spreads = ["-" if pair is None else f"{pair[1]:.2f}" for pair in pairs]
+            rows.append([title, *means, "paper", *spreads[: len(SPREAD)]])
+    paths = shortest_paths(scenario)
+    rows.append(["fixed shortest paths", *paths.cells().values(), *paths.spreads()])
     team = shipped.shipped_best_team(scenario)
     for name, value in shipped.yardsticks(scenario):
         cell = f"{value:.2f}"
         source = EXACT
         if team is not None and name == shipped.LEARNED_TEAM:
-            cell = f"{cell} ({team.standard_error:.2f})"
+            cell = f"{cell} ± {team.standard_error:.2f}"
             source = f"{team.trials} trials"
-        rows.append([name, cell, "-", "-", "-", "-", source])
-    table = format_table([*head, "source"], rows)
-    sampled = any(row[-1].endswith(" trials") for row in rows)
-    return f"{table}\n{ERRORS}" if sampled else table
+        rows.append([name, cell, *["-"] * 4, source, *["-"] * len(SPREAD)])
+    table = format_table(head, [row[: len(head)] for row in rows])
+    return f"{table}\n{ERRORS}" if "±" in table else table

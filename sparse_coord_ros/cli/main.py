@@ -14,7 +14,9 @@ from sparse_coord_ros.base.errors import (
     EXIT_INTERRUPTED,
     SparseCoordError,
     failure_of,
+    missing_package,
 )
+from sparse_coord_ros.base.streams import open_streams
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.cli.verbs import GROUPS, LIVE, VERBS, Parser, add_verb
 
@@ -77,6 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         argcomplete.autocomplete(make_parser(_verb_of(line.split()[1:])))
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = _verb_of(arguments)
+    # Verbs draw files. A notebook's shell names its own backend, which may be missing here.
+    os.environ["MPLBACKEND"] = "agg"
     try:
         options = make_parser(verb).parse_args(arguments)
         from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
@@ -88,6 +92,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except ImportError as error:
+        missing = missing_package(error)
+        if missing is None:
+            raise
+        print(f"error: {missing}", file=sys.stderr, flush=True)
+        return missing.exit_code
     except (SparseCoordError, OSError, MemoryError) as error:
         print(f"error: {_in_words(error)}", file=sys.stderr, flush=True)
         return getattr(error, "exit_code", EXIT_BAD_INPUT)
@@ -127,4 +137,5 @@ def _terminated_like_interrupted() -> Iterator[None]:
 
 
 if __name__ == "__main__":
+    open_streams()
     sys.exit(main())

@@ -142,7 +142,7 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
             restarts=RESTARTS.default if options.restarts is None else options.restarts,
             seed=SEED.default if options.seed is None else options.seed,
             file=options.out,
-            progress=lambda done, of, best: bar.show(done, of, f"best {best:.4f}"),
+            progress=bar.show,
         )
     lines = [
         f"{scenario.name}, penalty {scenario.penalty:g}, the best asking team found",

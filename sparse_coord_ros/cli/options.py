@@ -28,7 +28,7 @@ from sparse_coord_ros.show.page.controls import PAGE_SETTINGS
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
-    *("checkpoint", "tables", "greedy", "no_record"),
+    *("checkpoint", "tables", "greedy", "no_record", "start", "goal"),
 )
 """Options that a resumed run has already, by their names in the namespace."""
 
@@ -192,7 +192,19 @@ def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
         Option(words, None, known, {"names": scenario_names}),
         Option("--penalty", None, "penalty of a miscoordination (r^C), e.g. -20"),
         changes(what),
+        _place("start"),
+        _place("goal"),
     )
+
+
+def _place(which: str) -> Option:
+    """Return --start or --goal."""
+    text = (
+        f"another {which} of a robot: row and column of a free cell, from 0 at the top left; "
+        "may be repeated"
+    )
+    how = {"action": "append", "default": []}
+    return Option(f"--{which} ROBOT=ROW,COLUMN", None, text, how)
 
 
 def run_options(resume: str) -> tuple[Option | Setting, ...]:
@@ -319,7 +331,26 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
     if options.scenario is None:
         remedy = f"see sparse_coord {options.verb} --help"
         raise RunError(f"a SCENARIO is missing, or --resume DIR; {remedy}")
-    return load_scenario(options.scenario).with_settings(settings_of(options))
+    scenario = load_scenario(options.scenario).with_settings(settings_of(options))
+    return scenario.with_places(_places(options, "start"), _places(options, "goal"))
+
+
+def _places(options: argparse.Namespace, which: str) -> dict[str, object]:
+    """Return the places of --start or --goal, by robot.
+
+    Raises:
+        SettingError: a text is not ROBOT=ROW,COLUMN.
+    """
+    places: dict[str, object] = {}
+    for text in getattr(options, which):
+        robot, _, place = text.partition("=")
+        numbers = place.split(",")
+        if not robot or not all(number.strip().isdecimal() for number in numbers):
+            raise SettingError(
+                f"--{which} {text}: write it as ROBOT=ROW,COLUMN, e.g. robot_1=0,3"
+            )
+        places[robot.strip()] = [int(number) for number in numbers]
+    return places
 
 
 def output_directory(options: argparse.Namespace, name: str) -> Path:

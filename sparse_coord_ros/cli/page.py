@@ -100,6 +100,7 @@ def one_by_one(
             options.penalty = wish["penalty"]
             options.learner = wish["learner"]
             options.steps = wish["steps"]
+            options.start = options.goal = []
             options.out = options.resume = None
             out, team = begin(options)
 

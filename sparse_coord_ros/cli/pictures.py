@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from sparse_coord_ros.base.errors import RunError, SettingError
+from sparse_coord_ros.base.errors import RunError, SettingError, missing_package
 from sparse_coord_ros.base.files import import_apart, write_whole
 from sparse_coord_ros.cli import options as shared
 
@@ -57,7 +57,7 @@ def write(options: argparse.Namespace, data: bytes | str, **said: object) -> Non
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Turn a missing package into one line, and suppress Matplotlib's warnings.
+    """Suppress Matplotlib's warnings, and its settings file in the current folder.
 
     Raises:
         RunError: a package is missing.
@@ -69,9 +69,4 @@ def drawing() -> Iterator[None]:
             import_apart("matplotlib", "matplotlibrc")
             yield
     except ImportError as error:
-        if error.name is None or error.name.startswith("sparse_coord_ros"):
-            raise
-        package = error.name.partition(".")[0].replace("PIL", "pillow")
-        raise RunError(
-            f"pictures need the Python package {package} ({error}): pip install {package}"
-        ) from None
+        raise missing_package(error) or error from None

@@ -27,6 +27,11 @@ OPTIONS = (
     ),
     Option("--loop", bool, "restart at the end"),
     Option(
+        "--wait",
+        bool,
+        "wait through gaps without messages (default: jump over those of more than 5 s)",
+    ),
+    Option(
         "--step",
         bool,
         "start paused; space resumes, the right arrow or /player/step plays the next time step",
@@ -45,6 +50,7 @@ def execute(options: argparse.Namespace) -> int:
         "position": options.start,
         "loop": options.loop,
         "start_paused": options.step,
+        "wait": options.wait,
     }
 
     def make(context) -> Player:

@@ -3,14 +3,21 @@
 """`sparse_coord run`: a team learns live over ROS 2."""
 
 import argparse
+import atexit
+import shutil
+import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, BagError, RunError
+from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import evaluation_of, result_of
+from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import verdict_on
@@ -81,6 +88,10 @@ def _run(
     """Let one team learn; return the exit code."""
     from sparse_coord_ros.cli import live
 
+    if options.resume is not None and _is_finished(out):
+        shared.note(f"{out}: the run is finished already")
+        shared.tell(options, {"directory": out}, *_result(options, out))
+        return 0
     summary = live.run(
         values, processes=options.processes, quiet=options.json, page=page, stop=stop
     )
@@ -105,7 +116,8 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
         out = options.resume
         values = {"resume": True, "scenario": ""}
     else:
-        out = shared.output_directory(options, shared.scenario_of(options).name)
+        scenario = shared.scenario_of(options)
+        out = shared.output_directory(options, scenario.name)
         if options.greedy and not options.tables:
             raise RunError(
                 "--greedy needs --tables DIR, the output directory of a run to act on"
@@ -124,7 +136,21 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
         if value is not None:
             option = f"--{name.replace('_', '-')}"
             values[name] = TEAM_PARAMETERS[name].parse(value, called=option)
+    if options.start or options.goal:
+        values["scenario"] = _scenario_file(scenario)
     return out, {**values, "out": str(out)}
+
+
+def _scenario_file(scenario: Scenario) -> str:
+    """Write a scenario to a temporary file, which the nodes read at their start."""
+    folder = Path(tempfile.mkdtemp(prefix="sparse_coord_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    file = folder / f"{scenario.name}.yaml"
+    data = scenario.to_dict()
+    left_out = set(SETTINGS) - scenario.given  # a learner may have its own defaults
+    chosen = {name: value for name, value in data.items() if name not in left_out}
+    write_whole(file, to_yaml(chosen))
+    return str(file)
 
 
 def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[str]:
@@ -147,8 +173,6 @@ def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[s
 def _lines(
     options: argparse.Namespace, out: Path, summary: dict[str, Any]
 ) -> Iterator[str]:
-    from sparse_coord_ros.ros.nodes.outputs import add_result
-
     yield from _counted(options, summary)
     saved = (out / TEAM_FILE).exists()
     interrupted = summary["interrupted"]
@@ -159,10 +183,29 @@ def _lines(
         yield f"not finished; continue with: sparse_coord run --resume {out}"
     if (out / "bag").exists():
         yield f"bag     {out / 'bag'}"
-    silent = interrupted or options.greedy or options.watch or options.json
-    if saved and summary.get("steps_per_second", 0) and not silent:
-        run = load_run(out)
-        tables = load_team(out, run.scenario, run.rule)
+    if saved and summary.get("steps_per_second", 0) and not interrupted:
+        yield from _result(options, out)
+
+
+def _is_finished(out: Path) -> bool:
+    """Return whether a run was finished, so that there is nothing to continue."""
+    left = (CHECKPOINTS, CHECKPOINT_FILE)
+    return (out / TEAM_FILE).exists() and not any((out / one).exists() for one in left)
+
+
+def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:
+    """Evaluate the learned team of a finished run, unless nobody would read it."""
+    from sparse_coord_ros.ros.nodes.outputs import add_result
+
+    run = load_run(out)
+    if run.greedy or options.watch or options.json:
+        return
+    tables = load_team(out, run.scenario, run.rule)
+    try:
         measures = evaluation_of(run, tables, None)
-        add_result(out, result_of(run.scenario, measures))
-        yield verdict_on(run.scenario, run.rule, measures).text
+    except KeyboardInterrupt:
+        again = f"sparse_coord run --resume {out}"
+        shared.note(f"the run is finished and saved in {out}; its result: {again}")
+        raise
+    add_result(out, result_of(run.scenario, measures))
+    yield verdict_on(run.scenario, run.rule, measures).text

@@ -4,40 +4,66 @@
 
 import argparse
 import os
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import RunError, os_error_text
 from sparse_coord_ros.base.files import take_lock, write_whole
 from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar, note_without_numba
-from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
+from sparse_coord_ros.cli.evaluate import (
+    Evaluated,
+    evaluation_of,
+    result_table,
+)
+from sparse_coord_ros.cli.evaluate import (
+    result_of as summary_of,
+)
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.core.engine.batch import ENGINES, prepare
+from sparse_coord_ros.core.engine.batch import (
+    ENGINES,
+    agent_steps,
+    pays_to_compile,
+    prepare,
+    result_of,
+)
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training import (
     EVERY,
     EVERY_TRIALS,
     Watcher,
     engine_for,
-    pays_to_compile,
     train,
 )
-from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.core.engine.training_checkpoint import (
+    CHECKPOINT_FILE,
+    load_checkpoint,
+)
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.runs.history import HISTORY_FILE
+from sparse_coord_ros.core.learners.mind import rows_in
+from sparse_coord_ros.core.runs.history import HISTORY_FILE, load_history
+from sparse_coord_ros.core.runs.measures import Measures
+from sparse_coord_ros.core.runs.repeating import repeating_command
+from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.run_config import (
     RUN_FILE,
+    SUMMARY_FILE,
     RunConfig,
     create_output,
     load_run,
     make_run,
 )
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
+from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team, save_team
+from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.core.solve.shipped import known_optimum
 from sparse_coord_ros.core.solve.verdict import LOST, verdict_on
@@ -46,7 +72,10 @@ from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
 EVALUATIONS_FILE = "evaluations.csv"
-FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
+FILES = (
+    *(RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE),
+    SUMMARY_FILE,
+)
 """The files that this verb writes."""
 
 TRIALS = Setting(
@@ -120,10 +149,9 @@ def begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
         raise RunError(
             f"{out}: holds a run of nodes; continue with: sparse_coord run --resume {out}"
         )
-    if not (out / CHECKPOINT_FILE).exists():
-        what = "is finished" if (out / TEAM_FILE).exists() else "has no checkpoint"
+    if not (out / CHECKPOINT_FILE).exists() and not (out / TEAM_FILE).exists():
         raise RunError(
-            f"{out}: the run {what}, there is nothing to continue; start another one"
+            f"{out}: the run has no checkpoint, there is nothing to continue; start another one"
         )
     return out, run
 
@@ -137,7 +165,9 @@ def learn(
     """Let one team learn, save its tables, and report it."""
     # refused before a directory is made
     engine_for(run.scenario, run.rule, options.engine)
+    made = []
     if options.resume is None:
+        made = [path for path in (out, *out.parents) if not path.exists()]
         create_output(out)
     folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
     try:
@@ -145,14 +175,38 @@ def learn(
             raise RunError(
                 f"{out}: another process is learning there; wait until it ends, or stop it"
             )
-        _learn_there(options, out, run, board)
+        if options.resume is not None and not (out / CHECKPOINT_FILE).exists():
+            shared.note(f"{out}: the run is finished already")
+            done = _finished(out, run)
+        else:
+            done = _learn_there(options, out, run, board, made)
+        _say(options, out, run, done)
     finally:
         os.close(folder)
 
 
+def _finished(out: Path, run: RunConfig) -> Training:
+    """Return a run that was finished earlier."""
+    tables = load_team(out, run.scenario, run.rule)
+    history = load_history(out)
+    visited = np.array([rows_in(table.memory) for table in tables])
+    steps = run.scenario.steps
+    return Training(
+        run.scenario, run.rule, run.seed, "", tables, history, visited, steps
+    )
+
+
 def _learn_there(
-    options: argparse.Namespace, out: Path, run: RunConfig, board: MessageBoard | None
-) -> None:
+    options: argparse.Namespace,
+    out: Path,
+    run: RunConfig,
+    board: MessageBoard | None,
+    made: Sequence[Path],
+) -> Training:
+    """Let a team learn in its directory, and save it.
+
+    A run that saves nothing removes the directories `made` for it, its own first.
+    """
     resumed = options.resume is not None
     view = None
     try:
@@ -165,16 +219,17 @@ def _learn_there(
             board.source = view
         done = _trained(options, out, run, view)
         _save(out, done)
+        (out / CHECKPOINT_FILE).unlink(missing_ok=True)
     except RunError:  # of the checkpoint; its text has the remedy
         raise
     except BaseException as error:
         if view is not None:
             view.end(RunState.STOPPED)
-        _tell_what_is_left(out, error, resumed=resumed)
+        _end_early(out, run, error, made)
         raise
     if view is not None:
         view.end()
-    _say(options, out, run, done)
+    return done
 
 
 def _trained(
@@ -197,8 +252,12 @@ def _trained(
         )
 
 
-def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> None:
-    """Print how to continue after an error or interrupt; without a checkpoint, remove the run.
+def _end_early(
+    out: Path, run: RunConfig, error: BaseException, made: Sequence[Path]
+) -> None:
+    """Save what was learned until an error or an interrupt, and say how to continue.
+
+    A new run without a checkpoint is removed.
 
     Raises:
         RunError: the error is one of the file system.
@@ -206,9 +265,12 @@ def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> Non
     saved = (out / CHECKPOINT_FILE).exists()
     left = ""
     if saved:
-        left = f"what was learned is saved; continue with: sparse_coord train --resume {out}"
-    elif not resumed and not (out / TEAM_FILE).exists():
-        _remove(out)
+        with suppress(OSError):  # of a full disk: the checkpoint is there
+            _save(out, _broken_off(out, run))
+        again = f"sparse_coord train --resume {out}"
+        left = f"what was learned is saved in {out}; continue with: {again}"
+    elif made and not (out / TEAM_FILE).exists():
+        _remove(out, made)
         left = "nothing was saved"
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
         raise RunError(f"{os_error_text(error)}; make room; {left}") from None
@@ -216,12 +278,22 @@ def _tell_what_is_left(out: Path, error: BaseException, *, resumed: bool) -> Non
         shared.note(left)
 
 
-def _remove(out: Path) -> None:
-    """Remove this verb's files from its directory, and the directory if it is empty then."""
+def _broken_off(out: Path, run: RunConfig) -> Training:
+    """Return the run of a checkpoint so far."""
+    scenario = run.scenario
+    saved = load_checkpoint(out / CHECKPOINT_FILE, scenario, run.rule, run.seed)
+    team = Team(scenario, run.rule, compiled=False)
+    so_far = result_of(LearningRun(team, run.seed, saved.state))
+    return replace(so_far, evaluations=saved.evaluations)
+
+
+def _remove(out: Path, made: Sequence[Path]) -> None:
+    """Remove this verb's files from its directory, and the new directories that are empty."""
     for name in FILES:
         (out / name).unlink(missing_ok=True)
-    with suppress(OSError):  # it contains other files
-        out.rmdir()
+    with suppress(OSError):  # one contains other files
+        for folder in made:
+            folder.rmdir()
 
 
 def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
@@ -233,7 +305,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
     if options.json:
         return engine
     missed = options.engine == "auto" and not has_numba()
-    if missed and pays_to_compile(run.scenario, run.rule):
+    if missed and pays_to_compile(agent_steps(run.scenario), run.rule):
         note_without_numba()
     return engine
 
@@ -245,7 +317,6 @@ def _save(out: Path, done: Training) -> None:
         text = "".join(f"{','.join(map(str, row))}\n" for row in rows)
         write_whole(out / EVALUATIONS_FILE, text)
     save_team(out, [table.memory for table in done.tables])
-    (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 
 def _say(
@@ -257,12 +328,15 @@ def _say(
     lines = []
     last_line = []
     facts: dict[str, Any] = {"directory": out, "learner": run.learner, "seed": run.seed}
-    facts |= {"engine": done.engine, "episodes": done.history.episodes}
+    facts |= {"engine": done.engine or None, "episodes": done.history.episodes}
     expected = advice(scenario)
     facts["advice"] = expected
+    summary: dict[str, Any] = {}
     if trials != 0:
-        measures = evaluation_of(run, done.tables, trials)
+        measures = _evaluated(options, out, run, done)
+        summary["result"] = summary_of(scenario, measures)
         word = verdict_on(scenario, run.rule, measures)
+        summary["verdict"] = word.text
         optimum = known_optimum(scenario)
         facts |= {
             "optimum": optimum.value,
@@ -278,13 +352,30 @@ def _say(
             lines.append(word.text)
     else:
         lines = [expected.text]
-    lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
-    lines += [f"tables   {out / TEAM_FILE}", f"history  {out / HISTORY_FILE}"]
-    lines.append(f"run      {out / RUN_FILE}")
+    summary["repeat"] = repeating_command(run)
+    summary["learning_steps"] = done.transitions
+    summary["episodes"] = done.history.episodes
+    write_whole(out / SUMMARY_FILE, to_yaml(summary))
+    if done.engine:
+        lines.append(f"engine   {ENGINE_WORDS[done.engine]}")
+    lines += [f"result   {out / SUMMARY_FILE}", f"tables   {out / TEAM_FILE}"]
+    lines += [f"history  {out / HISTORY_FILE}", f"run      {out / RUN_FILE}"]
     if done.evaluations:
         facts["evaluations"] = done.evaluations
         lines.append(f"on the way  {out / EVALUATIONS_FILE}")
     shared.tell(options, facts, *lines, *last_line)
+
+
+def _evaluated(
+    options: argparse.Namespace, out: Path, run: RunConfig, done: Training
+) -> Measures:
+    """Return what the learned team earns; an interrupt says how to come back to it."""
+    try:
+        return evaluation_of(run, done.tables, options.trials)
+    except KeyboardInterrupt:
+        again = f"sparse_coord train --resume {out}"
+        shared.note(f"the run is finished and saved in {out}; its result: {again}")
+        raise
 
 
 def tips(scenario: Scenario, done: Training) -> list[str]:

@@ -35,8 +35,8 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
         "replay": "play a recorded run back over ROS 2",
         "tables": "extract the tables of a checkpoint from a bag",
     },
-    "maps": {
-        "maps": "list the maps, or show one",
+    "scenarios and maps": {
+        "maps": "list the scenarios and maps, or show one",
         "import-map": "turn a map_server map into a map and a scenario",
     },
     "robots": {

@@ -5,12 +5,13 @@
 import argparse
 from collections.abc import Iterator
 
+from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, tell
 
 UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
-    "map, markers, coordination maps, clock, status, scene, diagnostics, service events and other "
+    "map, markers, coordination maps, clock, status, diagnostics and other "
     "topics; wall-clock stamps; the order of messages of different topics (all: docs/log.md)"
 )
 
@@ -24,7 +25,8 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0: identical, 1: differs, 3: undecided."""
     from sparse_coord_ros.log.runlog import verify
 
-    found = verify(options.bag)
+    with Bar("time steps", "reading the bag", quiet=options.json) as bar:
+        found = verify(options.bag, bar.show)
     log = found.log
     facts = {name: value for name, value in vars(found).items() if name != "log"}
     facts["bag"] = log.bag.path

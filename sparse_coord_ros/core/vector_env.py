@@ -8,7 +8,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +35,12 @@ except ImportError:
     VectorEnv = object  # type: ignore[assignment, misc]
     spaces = None  # type: ignore[assignment]
 
-ASKING = ("half_steps", "in_observation")
+IN_OBSERVATION = "in_observation"
+ASKING = ("half_steps", IN_OBSERVATION)
 AUTORESET = ("next_step", "same_step", "disabled")
 """As gymnasium.vector.AutoresetMode, whose names are these in capitals."""
+
+Seeds = int | Sequence[int | None] | np.ndarray | None
 
 GAMES = Setting("games", int, 1, "games at once", low=1, high=1_000_000)
 
@@ -50,7 +54,8 @@ class VectorGame(VectorEnv):
     Args:
         scenario: a scenario, a shipped one's name, or a scenario file's path.
         games: number of games.
-        seed: seed of game 0 of the first run; None: a random seed.
+        seed: seed of game 0 of the first run, or a list of the seeds of all games; None: random
+            seeds.
         asking: how robots ask.
 
             - "half_steps": as in the paper. Actions are 0 north, 1 south, 2 east, 3 west and
@@ -66,9 +71,9 @@ class VectorGame(VectorEnv):
               of teams: compare them with each other.
         phase: "evaluation": episodes begin at the scenario's starts and last `horizon` steps.
             "learning": as learning episodes do here, with exploring starts and `max_steps`.
-        autoreset: when a game that has ended begins anew, as of gymnasium.vector.AutoresetMode:
-            with the "next_step"; in the "same_step", with `final_obs` and `final_info` in the
-            infos; or "disabled": by `reset(options={"reset_mask": ...})`.
+        autoreset: when a game that has ended begins anew, a gymnasium.vector.AutoresetMode or its
+            name: with the "next_step"; in the "same_step", with `final_obs` and `final_info` in
+            the infos; or "disabled": by `reset(options={"reset_mask": ...})`.
 
     Observations are a dict of arrays, with a row for each game i and robot k:
 
@@ -96,7 +101,7 @@ class VectorGame(VectorEnv):
         actions: number of actions of a robot.
         column_sizes: number of values that each column of `observation` can have.
         discount: gamma.
-        autoreset: as given.
+        autoreset: the name of the mode.
 
     Raises:
         ScenarioError: the scenario does not exist.
@@ -108,19 +113,21 @@ class VectorGame(VectorEnv):
         scenario: str | Path | Scenario,
         games: int,
         *,
-        seed: int | None = None,
+        seed: Seeds = None,
         asking: str = "half_steps",
         phase: str = "evaluation",
-        autoreset: str = "next_step",
+        autoreset: str | Enum = "next_step",
     ) -> None:
         check_choice("asking", asking, ASKING)
         check_choice("phase", phase, PHASES)
+        if isinstance(autoreset, Enum):
+            autoreset = autoreset.name.lower()
         check_choice("autoreset", autoreset, AUTORESET)
         self.scenario = loaded(scenario)
         self.num_envs = GAMES.parse(games)
         self.robots = tuple(robot.name for robot in self.scenario.robots)
         self.discount = self.scenario.discount
-        self._seed = None if seed is None else self._checked_seed(seed)
+        self._seeds = self._checked_seeds(seed)
         self._phase = PHASES[phase]
         self.autoreset = autoreset
         self._games = many_games.room_for_games(
@@ -161,23 +168,41 @@ class VectorGame(VectorEnv):
             self.single_observation_space, self.num_envs
         )
 
-    def _checked_seed(self, seed: object) -> int:
-        """Return the seed of game 0; the last game has one, too."""
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the loops: compiled code cannot be pickled."""
+        return {name: value for name, value in vars(self).items() if name != "_loops"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Continue with the loops of this process."""
+        vars(self).update(state)
+        self._loops = many_games.loops()
+
+    def _checked_seeds(self, seed: object) -> list[int | None]:
+        """Return the seed of each game; None where none is given."""
         setting = RUN_SETTINGS["seed"]
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, np.ndarray) and seed.ndim == 1:
+            seed = seed.tolist()
+        if isinstance(seed, list | tuple):
+            allowed = f"{self.num_envs} seeds, one for each game"
+            check_argument("seed", seed, len(seed) == self.num_envs, allowed)
+            return [None if one is None else setting.parse(one) for one in seed]
         first: int = setting.parse(seed)
         most = int(setting.high) - self.num_envs + 1
         allowed = f"at most {most} for {self.num_envs} games"
         check_argument("setting seed", first, first <= most, allowed)
-        return first
+        return [first + i for i in range(self.num_envs)]
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin an episode of each game.
 
         Args:
-            seed: begins a new run of game i with seed + i, at time step 1; None: the next episode
-                of each game's run, or at first a run with the seed of the constructor.
+            seed: begins a new run of game i with seed + i, or with entry i of a list, at time step
+                1; None: the next episode of the game's run, or at first a run with the seed of
+                the constructor.
             options: `reset_mask`: which games begin, bool, shape (games,); without it all.
 
         Returns:
@@ -188,25 +213,27 @@ class VectorGame(VectorEnv):
             RunError: `reset_mask` leaves out a game that has not begun yet.
         """
         which = self._checked_mask(options)
-        if seed is not None:
-            self._begin_runs(self._checked_seed(seed), which)
-        elif not self._begun:
-            self._begin_runs(self._first_seed(), which)
+        self._begin_runs(self._checked_seeds(seed), which)
         self._begun = True
         shown, outcome, infos = self._rooms()
         self._loops.begin_all(self._games, which, shown, outcome, infos)
         return self._observed(shown), self._told(infos, which)
 
-    def _first_seed(self) -> int:
-        """Return the seed of the constructor, or a random one."""
-        if self._seed is not None:
-            return self._seed
-        return int(np.random.SeedSequence().generate_state(1)[0])
-
-    def _begin_runs(self, seed: int, which: np.ndarray) -> None:
-        """Put some games at the beginning of their runs."""
+    def _begin_runs(self, seeds: list[int | None], which: np.ndarray) -> None:
+        """Put those of some games that have a seed, or none so far, at the beginning of a run."""
         for i in np.flatnonzero(which).tolist():
-            many_games.seed_one(self._games, i, seed + i, self._phase)
+            seed = seeds[i]
+            if seed is None and not self._begun:
+                seed = self._first_seed(i)
+            if seed is not None:
+                many_games.seed_one(self._games, i, seed, self._phase)
+
+    def _first_seed(self, i: int) -> int:
+        """Return the constructor's seed of a game, or a random one."""
+        seed = self._seeds[i]
+        if seed is None:
+            return int(np.random.SeedSequence().generate_state(1)[0])
+        return seed
 
     def _checked_mask(self, options: Mapping[str, Any] | None) -> np.ndarray:
         """Return which games are to begin."""

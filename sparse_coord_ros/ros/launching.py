@@ -44,6 +44,9 @@ from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
 from sparse_coord_ros.show.layouts import foxglove_layout, rviz_config
 
 _WORLD = PARAMETERS[WORLD]
+ALL_NODES = ("*", "**")
+"""Names of sections of a parameter file that are for nodes of any name."""
+
 OF_WORLD = ("seed", "learner", "greedy", "tables", "rate")
 ARGUMENTS = SettingTable(
     [
@@ -194,8 +197,10 @@ class LaunchedTeam:
         )
         for named in (self.get("learner"), *changes.values()):
             allow_named(named)
-        self._in_file = _of_world(self.get("params_file"))
+        sections = _sections(self.get("params_file"))
+        self._in_file = _of_world(sections)
         self.scenario: Scenario = load_scenario(self.of_world("scenario"))
+        _check_fitting(self.get("params_file"), sections, self.scenario)
         now = f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
         self._out = out = self.get("out") or self._in_file.get("out") or now
         self._resume = (
@@ -404,15 +409,48 @@ def _shown(default: Any) -> str:
     return str(default).lower() if isinstance(default, bool) else str(default)
 
 
-def _of_world(file: str) -> dict[str, Any]:
+def _sections(file: str) -> dict[str, dict[str, Any]]:
+    """Return the parameters in a file, by the name of the node, without its namespace.
+
+    Raises:
+        SettingError: it is no ROS parameter file.
+    """
+    if not file:
+        return {}
+    remedy = "give params_file a ROS parameter file"
+    text = read_text(Path(file), SettingError, remedy)
+    found: dict[str, dict[str, Any]] = {}
+    left = list(parse_yaml(text, where=file, error=SettingError).items())
+    while left:
+        node, section = left.pop(0)
+        if not isinstance(section, dict) or not section:
+            raise SettingError(
+                f"{file}: section {node!r} has no 'ros__parameters'; write the parameters below "
+                f"two lines, '{WORLD}:' (or '/**:' for all nodes) and '  ros__parameters:'"
+            )
+        if "ros__parameters" in section:
+            name = str(node).rpartition("/")[2]
+            found.setdefault(name, {}).update(section["ros__parameters"] or {})
+        else:  # a namespace
+            left += section.items()
+    return found
+
+
+def _of_world(sections: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """Return the world's parameters in a file, including the parameters for all nodes."""
     said: dict[str, Any] = {}
-    if file:
-        remedy = "give params_file a ROS parameter file"
-        text = read_text(Path(file), SettingError, remedy)
-        for node, section in parse_yaml(text, where=file, error=SettingError).items():
-            if str(node).rpartition("/")[2] in (WORLD, "*", "**") and isinstance(
-                section, dict
-            ):
-                said |= section.get("ros__parameters") or {}
+    for name, section in sections.items():
+        if name in (WORLD, *ALL_NODES):
+            said |= section
     return said
+
+
+def _check_fitting(file: str, sections: Iterable[str], scenario: Scenario) -> None:
+    """Raise `SettingError` if a parameter file has nothing for any node of a team."""
+    known = {*ALL_NODES, *PARAMETERS, *scenario.names}
+    if file and not known & set(sections):
+        given = ", ".join(sections) or "none"
+        raise SettingError(
+            f"{file}: has no section of a node of this team (it has: {given}); name one '/**' for "
+            f"all nodes, or {WORLD}, {RECORDER}, {', '.join(scenario.names)}"
+        )

@@ -240,6 +240,32 @@ def are_long(names: Sequence[str]) -> bool:
     return sum(map(len, names)) > MOST_LETTERS
 
 
+def draw_bars(axes: Axes, data: pd.DataFrame) -> None:
+    """Draw learners as bars, side by side; the axis begins near the lowest one.
+
+    Args:
+        axes: the panel.
+        data: a row for each learner; columns as of `draw_lines`.
+    """
+    for reference in _references(data):
+        value = data[reference].dropna().iloc[0]
+        axes.axhline(value, **{**STYLES[reference], "label": reference})
+    for place, (_, own) in enumerate(data.iterrows()):
+        style = STYLES.get(str(own["line"]), OTHER)
+        error = [[own["low"]], [own["high"]]]
+        axes.bar(
+            place,
+            own["value"],
+            yerr=error,
+            capsize=3,
+            color=style["color"],
+            label=str(own["line"]),
+        )
+    axes.set_xticks([])
+    axes.set_xlim(-0.7, len(data) - 0.3)
+    _finish_panel(axes)
+
+
 def _references(data: pd.DataFrame) -> list[str]:
     """Return the references for which the data have values."""
     return [name for name in REFERENCES if name in data and data[name].notna().any()]

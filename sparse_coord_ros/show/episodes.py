@@ -115,7 +115,7 @@ def played_episode(
     """
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
-    recorder = HistoryRecorder(len(scenario.robots))
+    recorder = HistoryRecorder(scenario)
     played: list[tuple[TeamTransition, ...]] = []
     while len(played) < PLAYED and world.step < PLAYED_STEPS:
         played.append(tuple(_play(world, team, recorder)))

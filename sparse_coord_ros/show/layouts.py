@@ -19,12 +19,13 @@ def rviz_config(robots: Sequence[str], namespace: str) -> str:
     template = share_folder("rviz") / "team.rviz"
     shown: Any = parse_yaml(template.read_text(), where=str(template))
     displays = shown["Visualization Manager"]["Displays"]
-    [asks] = [one for one in displays if one["Name"] == "Where robots ask"]
-    pattern = to_yaml(asks["Displays"][0])
-    asks["Displays"] = [
-        parse_yaml(pattern.replace(PATTERN, name), where=str(template))
-        for name in robots
-    ]
+    for group in displays:
+        if "Displays" in group:
+            pattern = to_yaml(group["Displays"][0])
+            group["Displays"] = [
+                parse_yaml(pattern.replace(PATTERN, name), where=str(template))
+                for name in robots
+            ]
     return _within(to_yaml(shown), "Value: /", namespace)
 
 
@@ -39,16 +40,16 @@ def foxglove_layout(robots: Sequence[str], namespace: str) -> str:
                 for k, name in enumerate(robots)
             ]
         if "topics" in panel:
-            of_robots = f"/{PATTERN}/coordination_map"
-            look = panel["topics"][of_robots]
-            ours = {
-                topic: one
-                for topic, one in panel["topics"].items()
-                if topic.count("/") == 1
+            looks = panel["topics"]
+            panel["topics"] = {
+                topic: look
+                for topic, look in looks.items()
+                if not topic.startswith("/robot_")
             }
-            panel["topics"] = ours | {
-                of_robots.replace(PATTERN, name): look for name in robots
-            }
+            for topic, look in looks.items():
+                if topic.startswith(f"/{PATTERN}/"):
+                    for name in robots:
+                        panel["topics"][topic.replace(PATTERN, name)] = look
     text = _within(json.dumps(shown, indent=2), '"/', namespace)
     # all teams share it
     return text.replace(f'"/{namespace}/diagnostics"', '"/diagnostics"')

@@ -16,6 +16,7 @@ from sparse_coord_ros.base.errors import (
     TablesError,
 )
 from sparse_coord_ros.core.game.actions import COORDINATE
+from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_history
@@ -173,4 +174,9 @@ def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
         return OpenedRun(path, path, bag if bag.is_dir() else None, say)
+    if not path.exists() and str(path) in scenario_names():
+        raise SettingError(
+            f"{path} is a scenario, not a run; make one: sparse_coord train {path} --out "
+            f"runs/{path}, or sparse_coord run {path} --watch"
+        )
     return OpenedRun(path, None, path, say)

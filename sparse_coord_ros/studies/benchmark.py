@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.base.errors import SettingError, check_argument
+from sparse_coord_ros.base.progress import Show
 from sparse_coord_ros.core.engine.cluster import SchedulerLike
 from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS
 from sparse_coord_ros.core.game.settings import Setting
@@ -30,7 +31,7 @@ from sparse_coord_ros.studies.lists import (
     Item,
     items_of,
 )
-from sparse_coord_ros.studies.runner import Progress, no_progress, run_experiment
+from sparse_coord_ros.studies.runner import run_experiment
 
 TEAM_RUNS = Setting(
     "runs", int, 10, "teams that learn in each scenario", low=2, high=1_000_000
@@ -63,7 +64,7 @@ def benchmark(
     engine: str = "auto",
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
-    progress: Progress = no_progress,
+    progress: Show = True,
     **settings: object,
 ) -> list[dict[str, Any]]:
     """Judge learners on fixed lists of scenarios, at a penalty of -100.
@@ -81,7 +82,8 @@ def benchmark(
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: as of `run_experiment`.
-        progress: called with a condition's id, the agent-steps done and those of its list.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called with a condition's id, the agent-steps done and those of its list.
         **settings: settings of learning to change for all, as of `load_scenario`.
 
     Returns:
@@ -143,18 +145,21 @@ def benchmark(
 def _conditions(
     learner: str, items: Sequence[Item], settings: dict[str, object]
 ) -> list[Condition]:
-    """Return a condition for each scenario; none: the learner cannot learn all of them."""
+    """Return a condition for each scenario; none: the learner cannot learn all of them.
+
+    Raises:
+        SettingError: a setting to change is bad, or does not fit.
+    """
+    games = [(one.scenario, {**one.settings, "penalty": PENALTY}) for one in items]
     try:
-        return [
-            make_condition(
-                item.scenario,
-                learner,
-                {**settings, **item.settings, "penalty": PENALTY},
-            )
-            for item in items
-        ]
+        for scenario, game in games:
+            make_condition(scenario, learner, game)
     except SettingError:
         return []
+    return [
+        make_condition(scenario, learner, {**settings, **game})
+        for scenario, game in games
+    ]
 
 
 def standing(

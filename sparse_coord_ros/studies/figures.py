@@ -31,6 +31,7 @@ from sparse_coord_ros.show.charts import (
     SHORTEST,
     add_legend,
     are_long,
+    draw_bars,
     draw_lines,
     draw_points,
     finish_measure,
@@ -149,6 +150,8 @@ def swept_figure(
     """
     results = [one for own in by_scenario(results) for one in own]
     varied = _varied(results)
+    if not x and not _differ(results):
+        return learners_figure(results, measures)
     x = x or varied[0]
     _check("x", [x], varied)
     _check("measure", measures, MEASURABLE)
@@ -181,6 +184,36 @@ def _hide_long_names(panels: Sequence[Axes], names: Sequence[str]) -> None:
     if are_long(names):
         for axes in panels:
             axes.tick_params(labelbottom=False)
+
+
+def _differ(results: Results) -> bool:
+    """Return whether conditions of one scenario differ in a setting, not only in the learner."""
+    return any(
+        len({one.condition.settings for one in own}) > 1 for own in by_scenario(results)
+    )
+
+
+def learners_figure(results: Results, measures: Sequence[str]) -> Figure:
+    """Draw learners as bars beside their reference values: a panel for each measure and scenario.
+
+    Args:
+        results: the conditions.
+        measures: of `LABELS`.
+    """
+    _check("measure", measures, MEASURABLE)
+    groups = by_scenario(results)
+    columns = len(groups) if len(groups) > 1 else len(measures)
+    columns = min(MOST_COLUMNS, columns)
+    figure, panels = panel_grid(len(measures) * len(groups), columns)
+    for row, measure in enumerate(measures):
+        drawn = panels[row * len(groups) : (row + 1) * len(groups)]
+        for axes, own in zip(drawn, groups, strict=True):
+            draw_bars(axes, measured(own, measure))
+            axes.set_title(_panel_title(own[0], []), fontsize=11)
+        finish_measure(drawn, measure)
+        label_axes(drawn, columns, measure, "")
+    add_legend(figure, ERRORS.format(runs=results[0].runs))
+    return figure
 
 
 def _is_number(value: object) -> bool:

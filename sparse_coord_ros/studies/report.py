@@ -56,7 +56,7 @@ def write_report(
 
 
 def to_markdown(name: str, results: Sequence[ConditionResult]) -> str:
-    """Return the table of an experiment: means, with their standard errors in parentheses."""
+    """Return the table of an experiment: means ± their standard errors."""
     measures = BESIDE_PAPER.get(name)
     rows = _each(results) if measures is None else _beside_paper(results, measures)
     table = list(rows)

@@ -14,10 +14,10 @@ from pathlib import Path
 from sparse_coord_ros.base.errors import (
     SettingError,
     check_argument,
-    check_function,
     needed,
 )
 from sparse_coord_ros.base.files import import_apart, path_argument
+from sparse_coord_ros.base.progress import Show, shown
 from sparse_coord_ros.core.engine.batch import (
     Batch,
     agent_steps,
@@ -73,7 +73,7 @@ def run_experiment(
     engine: str = "auto",
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
-    progress: Progress = no_progress,
+    progress: Show = True,
 ) -> dict[str, ConditionResult]:
     """Compute experiments or single conditions; with `out`, save them, and resume an earlier call.
 
@@ -89,7 +89,8 @@ def run_experiment(
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: Dask cluster that computes: the address of its scheduler, a `Client` or, say, a
             `LocalCluster`; None: this machine.
-        progress: called with a condition's id, the agent-steps done and those of the whole call.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called with a condition's id, the agent-steps done and those of the whole call.
 
     Returns:
         The result of each condition, by its id.
@@ -107,7 +108,7 @@ def run_experiment(
     )
     targets = parse_targets(_as_list(what))
     jobs = check_place(jobs, scheduler)
-    check_function("progress", progress)
+    told = shown(progress, "agent-steps", named=True)
     if out is not None or scheduler is not None:
         for one in targets.conditions:
             check_found_elsewhere(one.scenario.perception)
@@ -116,7 +117,7 @@ def run_experiment(
             raise SettingError("a report is files: name a results directory")
         with cluster_at(scheduler) as cluster:
             by = Computing(engine, jobs, cluster)
-            return compute(targets.conditions, plan, by, progress=progress)
+            return compute(targets.conditions, plan, by, progress=told)
     directory = path_argument("out", out)
     write_report = _report_writer() if report and targets.experiments else None
     with (
@@ -124,9 +125,7 @@ def run_experiment(
         cluster_at(scheduler) as cluster,
     ):
         by = Computing(engine, jobs, cluster)
-        found = compute(
-            targets.conditions, plan, by, results=results, progress=progress
-        )
+        found = compute(targets.conditions, plan, by, results=results, progress=told)
         if write_report is not None:
             write_report(directory, targets.experiments, found)
     return found

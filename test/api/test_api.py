@@ -4,6 +4,7 @@
 
 import inspect
 import json
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +13,7 @@ from teams import same_bits
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.runs.history import blank_history
 
 
 @pytest.fixture
@@ -154,12 +156,47 @@ def test_many_runs_are_the_single_ones(scenario, training):
     )
     assert many[1].measures == sc.evaluate_exact(training)
     teams = sc.by_run(run.measures for run in many)
+    assert many.measures == teams
     assert teams.to_dict()["source"] == "exact" and len(teams) == 3
     [bare] = sc.train_many(scenario, runs=1, trials=0, history=False)
     assert (bare.measures, bare.history.episodes) == (None, 0)
     four = sc.load_scenario("env2-4r", steps=200)
     [large] = sc.train_many(four, runs=1, seed=2, trials=4)
     assert large.measures == sc.evaluate(large, trials=4, seed=2)
+
+
+def test_many_runs_have_a_mean_learning_curve():
+    """Hand-made histories: two runs, one of which asks twice as often."""
+    scenario = sc.load_scenario("env1", steps=1000)
+    runs = sc.train_many(scenario, "noncoop", runs=2, trials=0, progress=False)
+    episodes = 99
+    for k, run in enumerate(runs, start=1):
+        history = blank_history(episodes, 2)
+        history.length[:] = 10
+        history.asks[:] = k
+        history.arrived[:] = True
+        history.present[:] = True
+        runs[k - 1] = replace(run, history=history)
+    curves = runs.history
+    assert curves["steps"].tolist() == [20.0 * part for part in range(1, 51)]
+    assert set(curves["length"]) == {10.0} and set(curves["length_error"]) == {0.0}
+    assert set(curves["asks"]) == {1.5} and set(curves["asks_error"]) == {0.5}
+    figure = runs.plot(["asks", "length"])
+    assert [axes.get_xlabel() for axes in figure.axes] == ["learning steps"] * 2
+    band = figure.axes[0].collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (1.0, 2.0)
+    with pytest.raises(sc.SparseCoordError, match="curve is 'speed', allowed: length"):
+        runs.plot(["speed"])
+
+
+def test_learners_that_differ_in_no_setting_are_bars():
+    names = ["noncoop", "coop"]
+    few = {"runs": 2, "trials": 2, "progress": False}
+    scenario = sc.load_scenario("env1", steps=200)
+    figure = sc.plot(sc.sweep(scenario, {"learner": names}, **few))
+    [axes] = figure.axes
+    assert [one.get_label() for one in axes.containers if one.get_label()[0] != "_"]
+    assert len(axes.patches) == 2 and axes.get_ylim()[0] <= 0.0
 
 
 def test_what_is_shown_is_short(scenario, training, tmp_path):

@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The PettingZoo environment: its checks and ours; our learner learns the same bits through it."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ pytest.importorskip("pettingzoo")  # package.xml does not bring it: it has no ro
 from pettingzoo.test import parallel_api_test
 from teams import drawn, plain_run, tables_equal, walking
 
+import sparse_coord_ros as sc
 from sparse_coord_ros.api import evaluate
 from sparse_coord_ros.base.errors import RunError, SettingError
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
@@ -21,9 +25,81 @@ from sparse_coord_ros.core.pettingzoo_env import parallel_env
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
-@pytest.mark.parametrize("phase", ["evaluation", "learning"])
-def test_pettingzoos_own_check(name, phase):
-    parallel_api_test(parallel_env(name, phase=phase), num_cycles=300)
+@pytest.mark.parametrize("asking", ["half_steps", "in_observation"])
+def test_pettingzoos_own_check(name, asking):
+    env = sc.pettingzoo_env(name, phase="learning", asking=asking)
+    parallel_api_test(env, num_cycles=100)
+
+
+@pytest.mark.parametrize("asking", ["half_steps", "in_observation"])
+def test_it_is_a_game_of_the_vector_environment(asking):
+    scenario = load_scenario("crowd-3r", perception="probability:0.6", horizon=30)
+    many = sc.vector_env(scenario, 1, seed=5, asking=asking, autoreset="disabled")
+    env = parallel_env(scenario, asking=asking)
+    random = np.random.default_rng(3)
+    rows, _ = many.reset()
+    seen, _ = env.reset(seed=5)
+    for _ in range(80):
+        for k, name in enumerate(env.possible_agents):
+            one = seen[name]
+            if asking == "half_steps":
+                assert one["action_mask"].tolist() == rows["action_mask"][0, k].tolist()
+                one = one["observation"]
+            assert one.tolist() == rows["observation"][0, k].tolist()
+        masks = rows["action_mask"]
+        actions = (random.random(masks.shape) * masks).argmax(axis=-1)
+        acts = dict(zip(env.agents, actions[0].tolist(), strict=True))
+        rows, paid, ended, cut, infos = many.step(actions)
+        seen, rewards, over, stopped, told = env.step(acts)
+        assert [*rewards.values()] == paid[0].tolist()
+        assert {*over.values()} == {bool(ended[0])}
+        assert {*stopped.values()} == {bool(cut[0])}
+        assert [one["arrived"] for one in told.values()] == infos["arrived"][0].tolist()
+        if not env.agents:
+            rows, _ = many.reset()
+            seen, _ = env.reset()
+
+
+def test_without_masks_every_action_is_allowed_at_any_time():
+    env = parallel_env("env1", asking="in_observation")
+    seen, _ = env.reset(seed=1)
+    for name in env.agents:
+        env.action_space(name).seed(1)
+    while env.agents:
+        assert all(
+            env.observation_space(name).contains(one) for name, one in seen.items()
+        )
+        acts = {name: env.action_space(name).sample() for name in env.agents}
+        seen, _, _, _, infos = env.step(acts)
+        assert not any(info["half_step"] for info in infos.values())
+
+
+@pytest.mark.parametrize("how", ["pickle", "cloudpickle", "copy"])
+def test_it_can_be_pickled_and_copied_at_any_time(how):
+    def again(env):
+        if how == "copy":
+            return copy.deepcopy(env)
+        return pickle.loads(pytest.importorskip(how).dumps(env))
+
+    env = parallel_env("env1", phase="learning")
+    again(env).reset(seed=1)
+    env.reset(seed=1)
+    half = again(env)
+    acts = {"robot_1": 4, "robot_2": 2}
+    assert repr(half.step(acts)) == repr(env.step(acts))
+    acts = {"robot_1": 0, "robot_2": 2}
+    assert repr(again(half).step(acts)) == repr(env.step(acts))
+
+
+def test_a_step_after_the_end_says_reset():
+    env = parallel_env(load_scenario("env1", horizon=2))
+    for _ in range(2):
+        env.reset(seed=1)
+        while env.agents:
+            env.step(dict.fromkeys(env.agents, 0))
+        for acts in ({}, {"robot_1": 0, "robot_2": 0}):
+            with pytest.raises(RunError, match=r"has ended; call reset\(\)"):
+                env.step(acts)
 
 
 def random_run(env, seed, episodes=3):

@@ -7,8 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from teams import drawn, walking
 
 import sparse_coord_ros as sc
@@ -176,75 +174,6 @@ def test_in_observation_the_answer_is_of_the_next_time_step(name, changed, phase
     assert answers > 10
 
 
-class Alone:
-    """A PettingZoo environment that begins anew with the step after its end."""
-
-    def __init__(self, scenario, seed, phase):
-        from sparse_coord_ros.core.pettingzoo_env import parallel_env
-
-        self.env = parallel_env(scenario, phase=phase)
-        self.names = self.env.possible_agents
-        self.found = self.arrays(*self.env.reset(seed=seed))
-
-    def arrays(self, seen, infos, rewards=None, ended=None, cut=None):
-        """Return what it says, as the rows of a vector environment."""
-        rows = {
-            name: [seen[agent][name].tolist() for agent in self.names]
-            for name in ("observation", "action_mask")
-        }
-        for name in ("arrived", "reward_parts"):
-            rows[name] = [list_of(infos[agent][name]) for agent in self.names]
-        for name in ("half_step", "miscoordination"):
-            [rows[name]] = {infos[agent][name] for agent in self.names}
-        zero = dict.fromkeys(self.names, 0.0)
-        rows["reward"] = [*(rewards or zero).values()]
-        [rows["ended"]] = {*(ended or zero).values()}
-        [rows["cut"]] = {*(cut or zero).values()}
-        rows["state"] = self.env.state().tolist()
-        return rows
-
-    def step(self, actions):
-        """Make a step."""
-        if not self.env.agents:
-            return self.arrays(*self.env.reset())
-        acts = dict(zip(self.names, actions.tolist(), strict=True))
-        seen, rewards, ended, cut, infos = self.env.step(acts)
-        return self.arrays(seen, infos, rewards, ended, cut)
-
-
-def list_of(value):
-    return list(value) if isinstance(value, tuple) else value
-
-
-def rows_of(env, i, seen, infos, *rest):
-    """Return what a vector environment says of a game."""
-    reward, ended, cut = (
-        (part[i].tolist() for part in rest) if rest else ([0.0] * len(env.robots), 0, 0)
-    )
-    found = {name: rows[i].tolist() for name, rows in {**seen, **infos}.items()}
-    found = {name: value for name, value in found.items() if not name.startswith("_")}
-    state = env.state()[i].tolist()
-    return {**found, "reward": reward, "ended": ended, "cut": cut, "state": state}
-
-
-@pytest.mark.parametrize("phase", ["evaluation", "learning"])
-@pytest.mark.parametrize(("name", "changed"), CASES)
-def test_half_steps_are_those_of_pettingzoo(name, changed, phase):
-    pytest.importorskip("pettingzoo")
-    scenario = sc.load_scenario(name, **{**STARTS, **changed})
-    env = sc.vector_env(scenario, 4, seed=2**63 - 5, phase=phase)
-    single = [Alone(scenario, 2**63 - 5 + i, phase) for i in range(4)]
-    random = np.random.default_rng(3)
-    seen, infos = env.reset()
-    for i, one in enumerate(single):
-        assert rows_of(env, i, seen, infos) == one.found
-    for _ in range(150):
-        actions = random_actions(random, seen["action_mask"])
-        seen, *rest, infos = env.step(actions)
-        for i, one in enumerate(single):
-            assert rows_of(env, i, seen, infos, *rest) == one.step(actions[i])
-
-
 TINY = drawn(
     "31..D..2\n4..#####",
     {"robot_1": (1, 2), "robot_2": (2, 1), "robot_3": (3, 4)},
@@ -254,29 +183,6 @@ TINY = drawn(
     max_steps=7,
     starts="mixed:0.5",
 )
-
-
-@settings(max_examples=25)
-@given(
-    seed=st.integers(0, 2**62),
-    phase=st.sampled_from(("evaluation", "learning")),
-    choices=st.lists(
-        st.lists(st.integers(0, 4), min_size=6, max_size=6), min_size=5, max_size=40
-    ),
-)
-def test_any_sequence_of_actions_is_that_of_pettingzoo(seed, phase, choices):
-    pytest.importorskip("pettingzoo")
-    env = sc.vector_env(TINY, 2, phase=phase)
-    single = [Alone(TINY, seed + i, phase) for i in range(2)]
-    seen, infos = env.reset(seed=seed)
-    for drawn_choices in choices:
-        wanted = np.reshape(drawn_choices, (2, 3))
-        masks = seen["action_mask"]
-        fits = np.take_along_axis(masks, wanted[..., None], axis=-1)[..., 0]
-        actions = np.where(fits, wanted, masks.argmax(axis=-1))
-        seen, *rest, infos = env.step(actions)
-        for i, one in enumerate(single):
-            assert rows_of(env, i, seen, infos, *rest) == one.step(actions[i])
 
 
 def in_turn(env, steps=60):
@@ -516,12 +422,37 @@ def test_seeds():
     assert len(chances) == 3
 
 
+def test_a_list_has_the_seed_of_each_game():
+    env = sc.vector_env("env1", 3, seed=[9, 3, 4], phase="learning")
+    single = [sc.vector_env("env1", 1, seed=i, phase="learning") for i in (9, 3, 4)]
+    seen = env.reset()[0]["observation"]
+    assert seen.tolist() == [
+        one.reset()[0]["observation"][0].tolist() for one in single
+    ]
+    again = env.reset(seed=[9, None, 4])[0]["observation"]
+    assert again[[0, 2]].tolist() == seen[[0, 2]].tolist()
+    assert again[1].tolist() == single[1].reset()[0]["observation"][0].tolist()
+    with pytest.raises(SettingError, match="allowed: 3 seeds, one for each game"):
+        env.reset(seed=[1, 2])
+
+
+@pytest.mark.parametrize("how", ["pickle", "cloudpickle"])
+def test_it_can_be_pickled_at_any_time(how):
+    module = pytest.importorskip(how)
+    env = sc.vector_env("env1", 2, seed=1)
+    for _ in range(2):
+        other = module.loads(module.dumps(env))
+        assert as_lists(in_turn(other, 9)) == as_lists(in_turn(env, 9))
+
+
 def test_it_is_an_environment_of_gymnasium():
     vector = pytest.importorskip("gymnasium.vector")
     for asking in ("half_steps", "in_observation"):
         env = sc.vector_env("crowd-3r", 3, seed=1, asking=asking)
         assert isinstance(env, vector.VectorEnv)
         assert env.metadata["autoreset_mode"] == vector.AutoresetMode.NEXT_STEP
+        same = vector.AutoresetMode.SAME_STEP
+        assert sc.vector_env("env1", 1, autoreset=same).autoreset == "same_step"
         wrapped = vector.VectorWrapper(env)
         env.action_space.seed(1)
         seen, _ = wrapped.reset(seed=3)

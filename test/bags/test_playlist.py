@@ -231,6 +231,31 @@ def test_pause_holds_time_and_resume_goes_on_from_there():
     assert stage.playback.play() == 100 * MS, "going on twice changes nothing"
 
 
+@pytest.mark.parametrize("gap_ms", [4_900, 5_100, 10**9])
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_gap_is_jumped_over_unless_one_waits(gap_ms, waits):
+    """Before and after it all messages keep their distances."""
+    gaps = []
+    jump = None if waits else lambda *times: gaps.append(times)
+    log_ms = [0, 100, 200, 200 + gap_ms, 300 + gap_ms]
+    stage = Stage(Log(*[("/clock", at) for at in log_ms]), on_gap=jump)
+    begin = stage.now
+    stage.run()
+    published = [(now - begin) // MS for now, _ in stage.out]
+    if waits or gap_ms < 5_000:
+        assert (published, gaps) == (log_ms, [])
+    else:
+        assert published == [0, 100, 200, 200, 300]
+        assert gaps == [(200 * MS, (200 + gap_ms) * MS)]
+
+
+def test_slow_steps_are_no_gaps():
+    gaps = []
+    stage = Stage(run_log(5, step_ms=60_000), on_gap=lambda *times: gaps.append(times))
+    stage.run()
+    assert gaps == [] and stage.playback.done
+
+
 def test_a_new_rate_counts_from_now_on():
     stage = Stage(run_log(100))
     stage.run(ms=150)

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.protocol.wire import ACTION, REWARD
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -26,15 +26,15 @@ CHECKPOINT = 50
 PERIOD_NS = 100_000_000
 NAMES = ("robot_1", "robot_2")
 MAPS = {f"/{name}/coordination_map" for name in NAMES}
-LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS
-EVENTS = {f"/{name}/active_perception/_service_event" for name in NAMES}
+SHOWN = {f"/world_simulator/{topic}" for topic in ("map", "markers")}
+LATCHED = {"/run", "/status"} | SHOWN | MAPS
 STEP_TOPICS = {
     f"/{name}/{topic}"
     for name in NAMES
     for topic in ("local_state", "reward", "action", "percept")
 }
 TABLES = {f"/robot_{k}/tables" for k in (1, 2)}
-TEAM_TOPICS = LATCHED | STEP_TOPICS | TABLES | {"/clock", "/diagnostics"}
+TEAM_TOPICS = LATCHED | STEP_TOPICS | TABLES | {"/diagnostics"}
 
 
 @pytest.fixture(scope="module")
@@ -75,41 +75,27 @@ def test_rosbags_decodes_everything(recorded):
         topic["topic_metadata"]["name"]: topic["message_count"]
         for topic in information["topics_with_message_count"]
     }
-    assert set(counts) == TEAM_TOPICS | EVENTS | {"/rosout", "/parameter_events"}
+    assert set(counts) == TEAM_TOPICS | {"/rosout", "/parameter_events"}
     assert {name: len(messages) for name, messages in recorded.topics.items()} == {
         name: count for name, count in counts.items() if count
     }
-    assert all(counts[name] for name in TEAM_TOPICS | EVENTS)
+    assert all(counts[name] for name in TEAM_TOPICS)
 
 
 def test_mcap_ros2_decodes_everything(recorded):
-    """By the loop of its documentation; values as rosbags finds them, also of service events."""
+    """By the loop of its documentation; as many messages as rosbags finds."""
     [path] = recorded.bag.glob("*.mcap")
     found = defaultdict(list)
     for one in read_ros2_messages(str(path)):
         found[one.channel.topic].append(one.ros_msg)
     counts = {name: len(messages) for name, messages in recorded.topics.items()}
     assert {name: len(messages) for name, messages in found.items()} == counts
-    for topic in EVENTS:
-        told = [said(message) for message in found[topic]]
-        assert told == [said(message) for _, message in recorded.topics[topic]]
-        assert any(cell for *_, cell in told), "where the asked robot is"
-
-
-def said(event):
-    """Return the content of a service event."""
-    info = event.info
-    starts = [one.start.pose.position for one in event.request]
-    asked = [(place.x, place.y) for place in starts]
-    poses = [pose.pose.position for one in event.response for pose in one.plan.poses]
-    answered = [(place.x, place.y) for place in poses]
-    return info.event_type, info.sequence_number, asked, answered
 
 
 def test_an_independent_reader_finds_what_the_log_says(recorded):
     """The log itself is verified against the simulation: `verify`."""
     assert verify(recorded.out).same
-    convert = Converter(recorded.run)
+    convert = messages_of(recorded.run)
     log = recorded.log
     rows = {step: row for row, step in enumerate(log.step.tolist())}
     for k, name in enumerate(NAMES):
@@ -140,10 +126,6 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
         assert counts["local_state"] == (log.cells[:, k] >= 0).sum()
         assert counts["reward"] == counts["action"] == acted
         assert counts["percept"] == asked > perceived > 0
-        events = recorded.topics[f"/{name}/active_perception/_service_event"]
-        assert {event.info.event_type for _, event in events} == {0, 1, 2, 3}, (
-            "sent, received, answered, its answer received"
-        )
 
 
 def test_the_run_is_in_the_bag(recorded):

@@ -34,7 +34,7 @@ def test_table(sparse_coord, trained):
         "env1, penalty -20",
         "  50 trials\n",
         "  paper\n",
-        "119.50  ",
+        "119.50",
     ):
         assert words in out
     assert "exact joint optimum" in out
@@ -46,11 +46,21 @@ def test_means_of_trials_have_a_standard_error_and_exact_ones_have_none(
 ):
     trained("env1", "--learner", "indiv", "--seed", 2)
     found = json.loads(sparse_coord("evaluate", "a", "--trials", 50, "--json")[1])
-    said = "{returns:.2f} ({returns_error:.2f})"
-    said = said.format(**found)
+    said = "{returns:.2f} ± {returns_error:.2f}".format(**found)
     assert found["returns_error"] > 0
-    assert said in sparse_coord("evaluate", "a", "--trials", 50)[1]
-    assert "s.e." not in sparse_coord("evaluate", "a")[1]
+    out = sparse_coord("evaluate", "a", "--trials", 50)[1]
+    assert said in out and "\n±: standard error (s.e.)\n" in out
+    assert "±" not in sparse_coord("evaluate", "a")[1]
+
+
+def test_spreads_have_their_own_columns_where_they_are_asked_for(sparse_coord, trained):
+    trained("env1", "--learner", "indiv", "--set", "penalty=-20")
+    out = sparse_coord("evaluate", "a", "--spread")[1]
+    head, _, ours, papers, *_ = out.splitlines()
+    assert "s.d. of return" in head and "±" not in out
+    spread = json.loads(sparse_coord("evaluate", "a", "--json")[1])["returns_spread"]
+    assert f"  {spread:.2f}  " in ours
+    assert "paper" in papers and papers.split()[-4] == "12.50"
 
 
 def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
@@ -123,7 +133,8 @@ def test_exact(sparse_coord, trained, folder):
     assert (code, err) == (0, "")
     assert out.splitlines()[2].startswith("Coop. ") and "  exact\n" in out
     assert "trials" not in out
-    assert "best asking team found  118.51 " in out
+    assert "best asking team found" in out
+    assert "118.51" in out
     data = json.loads(sparse_coord("evaluate", "a", "--json")[1])
     scenario = load_scenario("env1").with_settings({"penalty": -100})
     found = evaluate_exact(scenario, tables_in(folder / "a"))

@@ -51,7 +51,7 @@ def test_interrupted_or_terminated(sparse_coord, monkeypatch, number):
         lambda *_, **__: signal.raise_signal(number),
     )
     before = signal.getsignal(number)
-    assert sparse_coord("maps", "env1") == (EXIT_INTERRUPTED, "", "interrupted\n")
+    assert sparse_coord("maps", "crowd") == (EXIT_INTERRUPTED, "", "interrupted\n")
     assert signal.getsignal(number) == before
 
 
@@ -82,7 +82,7 @@ def test_what_the_system_refuses_is_one_short_line(
         raise error
 
     monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", refuse)
-    code, out, err = sparse_coord("maps", "env1")
+    code, out, err = sparse_coord("maps", "crowd")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"error: {line}")
     assert len(err) < LONGEST_LINE + 50

@@ -11,7 +11,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 def test_list(sparse_coord):
     code, out, err = sparse_coord("maps")
     assert (code, err) == (0, "")
-    rows = {line.split()[0]: line.split()[1:4] for line in out.splitlines()[2:]}
+    table = out.partition("\n\n")[0].splitlines()[2:]
+    rows = {line.split()[0]: line.split()[1:4] for line in table}
     assert list(rows) == map_names()
     assert rows["env1"] == ["21", "1", "2"]
     assert rows["cmu"] == ["133", "1", "2"]
@@ -32,7 +33,24 @@ def test_one_map(sparse_coord):
 
 def test_the_map_of_a_scenario_file(sparse_coord, folder):
     (folder / "mine.yaml").write_text("map: env1\nrobots: {x: {start: 1, goal: 2}}\n")
-    assert sparse_coord("maps", "mine.yaml") == sparse_coord("maps", "env1")
+    out = sparse_coord("maps", "mine.yaml")[1]
+    assert "\n".join(load_map("env1").rows) in out
+    assert out.endswith("\nx: from [0, 0] to [0, 4]\n")
+
+
+def test_the_scenarios_stand_beside_their_maps(sparse_coord):
+    out = sparse_coord("maps")[1]
+    (env2,) = (line for line in out.splitlines() if line.startswith("env2 "))
+    assert "  env2-2r, env2-4r  " in env2
+
+
+def test_a_scenario_s_name_shows_its_map_and_its_robots(sparse_coord):
+    code, out, err = sparse_coord("maps", "env2-2r")
+    assert (code, err) == (0, "")
+    assert "\n".join(load_map("env2").rows) in out
+    assert out.endswith(
+        "\nrobot_1: from [0, 1] to [6, 5]\nrobot_2: from [0, 5] to [6, 1]\n"
+    )
 
 
 def test_json(sparse_coord):

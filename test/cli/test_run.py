@@ -124,6 +124,6 @@ def test_the_page_chooses_the_next_team(monkeypatch):
     assert page.one_by_one(options, begin, play) == 7
     assert begun == [
         (None, None, "a", "a", "coop", None),
-        ("isr", -3.0, None, None, "voi", 50),
+        ("isr", -3.0, None, None, "voi", 50, [], []),
     ]
     assert played == [("out1", 1), ("out2", 2)]

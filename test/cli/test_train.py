@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import time
 from dataclasses import replace
 
 import pytest
+import yaml
 from patience import PATIENCE_SECONDS
 from teams import plain_run, same_bits, tables_equal, tables_in
 
@@ -70,15 +72,32 @@ def test_train(sparse_coord, folder):
     ):
         assert line in out.splitlines()
     directory = folder / "runs" / "a"
-    assert names(directory) == ["history.npz", "run.yaml", "tables.npz"]
+    files = ["history.npz", "run.yaml", "summary.yaml", "tables.npz"]
+    assert names(directory) == files
     expected = learned(directory)
     run = load_run(directory)
     assert (run.learner, run.seed, run.scenario.max_steps) == ("indiv", 4, 40)
     assert same_bits(load_history(directory), expected.history)
     assert tables_equal(tables_in(directory), expected.tables)
-    evaluated = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
-    table, _, verdict = evaluated.rstrip("\n").rpartition("\n")
-    assert out.startswith(table) and out.endswith(f"\n{verdict}\n")
+    table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
+    assert out.startswith(table)
+
+
+def test_the_summary_begins_with_the_result(sparse_coord, folder):
+    more = ("--learner", "voi", "--steps", 3000, "--seed", 1, "--start", "robot_1=0,1")
+    out = sparse_coord("train", "env1", *more, "--out", "a")[1]
+    summary = yaml.safe_load((folder / "a" / "summary.yaml").read_text())
+    result = summary["result"]
+    assert list(summary)[:3] == ["result", "verdict", "repeat"]
+    assert list(result)[:4] == ["returns", "asks", "miscoordinations", "arrived"]
+    assert list(result)[-3:] == ["shortest_paths", "best_asking_team", "optimum"]
+    found = json.loads(sparse_coord("evaluate", "a", "--json")[1])
+    assert [found[name] for name in list(result)[:4]] == list(result.values())[:4]
+    assert summary["verdict"] in out
+    assert summary["learning_steps"] == 3000
+    words = shlex.split(summary["repeat"])
+    assert sparse_coord(*words[1:], "--trials", 0, "--out", "b")[0] == 0
+    assert load_run(folder / "b").digest == load_run(folder / "a").digest
 
 
 def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
@@ -188,7 +207,11 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     code, out, err = sparse_coord("train", "env1", *arguments, "--out", "a")
     assert (code, out) == (130, "")
     assert "continue with: sparse_coord train --resume a\n" in err
-    assert names(folder / "a") == ["checkpoint.npz", "run.yaml"]
+    files = ["checkpoint.npz", "history.npz", "run.yaml", "tables.npz"]
+    assert names(folder / "a") == files
+    assert load_history(folder / "a").length.sum() == 1000
+    code, _, err = sparse_coord("evaluate", "a")
+    assert code == 0 and "the run is not finished" in err
     message = sparse_coord("train", "env2-2r", "--steps", 7, "--resume", "a")[2]
     assert "SCENARIO, --steps" in message
     message = sparse_coord("run", "--resume", "a")[2]
@@ -212,15 +235,42 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
         "evaluations.csv",
         "history.npz",
         "run.yaml",
+        "summary.yaml",
         "tables.npz",
     ]
     assert same_bits(load_history(folder / "a"), learned(folder / "a").history)
-    assert "is finished" in sparse_coord("train", "--resume", "a")[2]
+    code, again, err = sparse_coord("train", "--resume", "a", "--trials", 20)
+    assert (code, err) == (0, "a: the run is finished already\n")
+    assert again.splitlines()[:5] == out.splitlines()[:5]
     (folder / "a" / "checkpoint").mkdir()
     assert (
         "continue with: sparse_coord run --resume a\n"
         in sparse_coord("train", "--resume", "a")[2]
     )
+
+
+def test_an_interrupt_while_it_is_evaluated_says_how_to_see_the_result(
+    sparse_coord, folder, monkeypatch
+):
+    def not_now(*_arguments, **_keywords):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_verb, "evaluation_of", not_now)
+    code, _, err = sparse_coord("train", "env1", "--steps", 300, "--out", "a")
+    assert code == 130
+    assert "finished and saved in a; its result: sparse_coord train --resume a\n" in err
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert "some robot did not arrive" in sparse_coord("train", "--resume", "a")[1]
+
+
+def test_a_run_that_fails_leaves_no_empty_folders(sparse_coord, folder, monkeypatch):
+    def not_now(*_arguments, **_keywords):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_verb, "train", not_now)
+    assert sparse_coord(*SHORT)[0] == 130
+    assert names(folder) == []
 
 
 def test_an_interrupt_removes_only_what_train_wrote(sparse_coord, folder, monkeypatch):
@@ -258,7 +308,8 @@ def test_a_full_disk_where_there_is_a_checkpoint(
     monkeypatch.undo()
     monkeypatch.chdir(folder)
     assert sparse_coord("train", "--resume", "a", "--trials", 0)[0] == 0
-    assert names(folder / "a") == ["history.npz", "run.yaml", "tables.npz"]
+    files = ["history.npz", "run.yaml", "summary.yaml", "tables.npz"]
+    assert names(folder / "a") == files
 
 
 def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):
@@ -310,10 +361,10 @@ def test_an_interrupt_while_numba_compiles(folder, number):
 def test_what_was_learned_is_computed_where_that_can_be(
     sparse_coord, monkeypatch, scenario
 ):
-    trials = replace(evaluate_verb.TRIALS, default=30)
-    monkeypatch.setattr(evaluate_verb, "TRIALS", trials)
+    for verb in (train_verb, evaluate_verb):
+        monkeypatch.setattr(verb, "TRIALS", replace(verb.TRIALS, default=30))
     code, out, _ = sparse_coord("train", scenario, "--steps", 300, "--out", "a")
     source = "exact" if scenario == "env1" else "30 trials"
     assert (code, out.splitlines()[2].endswith(f"  {source}")) == (0, True)
-    assert out.startswith(sparse_coord("evaluate", "a")[1].rpartition("\nIn ")[0])
+    assert out.splitlines()[:3] == sparse_coord("evaluate", "a")[1].splitlines()[:3]
     assert "some robot did not arrive." in out

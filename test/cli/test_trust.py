@@ -31,7 +31,6 @@ WHY = "the robots' values and updates"
 
 VERBS = {
     "evaluate RUN": (REFUSED, REFUSED),
-    "evaluate RUN --trials 5": (REFUSED, REFUSED),
     "drive RUN": (REFUSED, REFUSED),
     "run --resume UNFINISHED": (REFUSED, REFUSED),
     "train --resume UNFINISHED": (REFUSED, REFUSED),

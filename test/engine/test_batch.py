@@ -52,6 +52,44 @@ def test_penalties_are_paid_by_their_factors():
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
 
 
+@pytest.mark.parametrize(
+    ("steps", "engine", "compiled"),
+    [(200, "auto", False), (10**6, "auto", True), (200, "numba", True)],
+)
+def test_a_batch_is_compiled_if_that_pays(monkeypatch, steps, engine, compiled):
+    """A small one is computed in this process: a script needs no main guard for it."""
+    monkeypatch.setattr(batch, "is_prepared", lambda **_: False)
+    monkeypatch.setattr(batch, "is_loaded", lambda **_: False)
+    called = []
+
+    def here(*_arguments):
+        called.append(False)
+
+    def in_threads(batches, *_arguments):
+        called.append(True)
+        yield from batches
+
+    monkeypatch.setattr(batch, "_run_plain", here)
+    monkeypatch.setattr(batch, "_in_threads", in_threads)
+    batches = [Batch(problem("env1", steps=steps), learner_of("coop"), [1, 2])]
+    list(run_batches(batches, trials=10, engine=engine, jobs=2))
+    assert set(called) == {compiled}
+
+
+def test_a_learner_is_compiled_when_its_turn_comes(monkeypatch):
+    """The first results do not wait for the learners after them."""
+    prepared = []
+    monkeypatch.setattr(batch, "prepare", lambda rule: prepared.append(rule.label))
+    small = problem("env1", steps=5)
+    batches = [
+        Batch(small, learner_of(name), [1, 2, 3]) for name in ("coop", "noncoop")
+    ]
+    runs = run_batches(batches, trials=2, engine="numba", jobs=1)
+    next(runs)
+    assert prepared == ["coop"]
+    assert len(list(runs)) == 5 and prepared == ["coop", "noncoop"]
+
+
 CROWDS = {
     "coop": problem("crowd-3r", peers="all", epsilon="constant:1"),
     "voi": problem("env2-4r", peers="all", epsilon="constant:0.5", max_steps=60),

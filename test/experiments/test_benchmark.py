@@ -168,6 +168,15 @@ def test_who_cannot_learn_a_list_has_no_share_there():
 
 
 @pytest.mark.usefixtures("short_lists")
+def test_a_setting_that_does_not_fit_is_named(capsys):
+    from sparse_coord_ros.cli.main import main
+
+    words = "benchmark coop --lists tuning-pairs --set prior_success=0.5"
+    assert main(words.split()) == 2
+    assert "error: setting prior_success: value is 0.5" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("short_lists")
 def test_failing_percepts_have_the_top_of_sure_ones():
     """The standing is that of the same returns in the game with sure percepts."""
     sure = make_condition("env1", "coop", {"penalty": PENALTY})

@@ -107,7 +107,7 @@ def test_a_single_run_has_no_error():
     single = dict.fromkeys(MEASURES, [100.0])
     results = [made_up(each, **single) for each in experiment("table1").conditions]
     text = to_markdown("table1", results)
-    assert "100.00 (-)" in text and "nan" not in text
+    assert "100.00 ± -" in text and "nan" not in text
 
 
 def test_what_is_written(tmp_path):

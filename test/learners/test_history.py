@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The learning history: what goes into a row, curves, data frames and files."""
 
+from dataclasses import replace
+
 import pytest
 from teams import same_bits
 
 from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.core.runs.history import (
     HISTORY_FILE,
@@ -14,6 +17,9 @@ from sparse_coord_ros.core.runs.history import (
     concatenated,
     load_history,
 )
+
+SCENARIO = load_scenario("env1", penalty=-5, ask_cost=1, goal_reward=10, discount=0.5)
+"""Powers of the discount are exact; a goal is worth 20."""
 
 MOVE = Action(0, False, -1, False)
 ASK = Action(1, True, 1, True)
@@ -29,7 +35,7 @@ def outcome(*rewards, met=False, arrived=(), over=False):
 
 def recorded():
     """Two robots, three episodes: 0 and 2 with transitions, 1 without, 3 cut off."""
-    recorder = HistoryRecorder(2)
+    recorder = HistoryRecorder(SCENARIO)
     recorder.add(0, 1, [MOVE, ASK], outcome(reward(), reward(cost=-1.0)))
     met = outcome(reward(common=-5.0), reward(10.0, -5.0), met=True, arrived=(1,))
     recorder.add(0, 2, [MOVE, MOVE], met)
@@ -49,8 +55,9 @@ def test_what_is_counted():
     assert (history.episodes, history.robots) == (3, 2)
     assert history.first_step.tolist() == [1, 8, 11]
     assert history.length.tolist() == [3, 1, 1]
-    # Robot 2 pays for the first meeting; at the second it has arrived and receives nothing.
-    assert history.returns.tolist() == [[0.0, 4.0], [-1.0, -1.0], [0.0, 0.0]]
+    # Robot 2 arrives with the first meeting, and pays for the second one, too.
+    first = [-5 / 2 + 15 / 4, -1 + 15 / 2 - 5 / 4]
+    assert history.returns.tolist() == [first, [-1.0, -1.0], [0.0, 0.0]]
     assert history.miscoordinations.tolist() == [2, 0, 0]
     assert history.asks.tolist() == [[0, 1], [1, 1], [0, 0]]
     assert history.arrived.tolist() == [[True, True], [False, False], [False, False]]
@@ -58,8 +65,9 @@ def test_what_is_counted():
 
 
 def test_asking_for_it_in_between_changes_nothing():
-    recorder = HistoryRecorder(1)
-    whole = HistoryRecorder(1)
+    scenario = replace(SCENARIO, robots=SCENARIO.robots[:1])
+    recorder = HistoryRecorder(scenario)
+    whole = HistoryRecorder(scenario)
     for episode in range(300):
         for step in range(1 + episode % 3):
             what = (
@@ -80,7 +88,9 @@ def test_asking_for_it_in_between_changes_nothing():
 def test_going_on_with_an_episode_and_after_one():
     expected = recorded()
     for under_way in (True, False):
-        recorder = HistoryRecorder(2, history=recorded().history(), under_way=under_way)
+        recorder = HistoryRecorder(
+            SCENARIO, history=recorded().history(), under_way=under_way
+        )
         what = (12, [MOVE, MOVE], outcome(reward(10.0), reward(), arrived=(0,)))
         recorder.add(0, *what)
         recorder.add(1, 15, *what[1:])
@@ -96,8 +106,8 @@ def test_curves():
     steps, lengths = history.curve("length")
     assert (steps.tolist(), lengths.tolist()) == ([0, 3, 4], [3, 1, 1])
     steps, returns = history.curve("returns", 2)
-    assert (steps.tolist(), returns.tolist()) == ([3, 4], [0.5, -0.5])
-    assert history.curve("returns", 3, robot=2)[1].tolist() == [1.0]
+    assert (steps.tolist(), returns.tolist()) == ([3, 4], [1.125, -0.5])
+    assert history.curve("returns", 3, robot=2)[1].tolist() == [4.25 / 3]
     assert history.curve("arrived", 99)[1].tolist() == [1 / 3]
     assert history.curve("miscoordinations", robot=1)[1].tolist() == [2, 0, 0]
     for arguments in (("speed",), ("asks", 0)):
@@ -111,18 +121,19 @@ def test_curves():
 def test_curves_of_robots_that_learned_alone():
     parts = []
     for k in range(2):
-        recorder = HistoryRecorder(2)
+        recorder = HistoryRecorder(SCENARIO)
         for episode in range(3):
-            actions = [ASK if robot == k else None for robot in range(2)]
-            told = outcome(reward(cost=-1.0 - k), reward(cost=-1.0 - k))
+            acts = [ASK, MOVE][k]
+            actions = [acts if robot == k else None for robot in range(2)]
+            told = outcome(reward(), reward(), met=k == 1)
             recorder.add(episode, 1 + 10 * episode + k, actions, told)
         parts.append(recorder.history())
         parts[k].present[:, 1 - k] = False
     history = concatenated(parts)
-    assert history.curve("returns", robot=2)[1].tolist() == [-2.0] * 3
+    assert history.curve("returns", robot=2)[1].tolist() == [-5.0] * 3
     steps, returns = history.curve("returns")
     assert steps.tolist() == [0, 0, 1, 1, 2, 2]
-    assert returns.tolist() == [-1.0, -2.0] * 3
+    assert returns.tolist() == [-1.0, -5.0] * 3
     frame = history.to_pandas()
     assert frame["robot"].tolist() == [1, 1, 1, 2, 2, 2]
 
@@ -136,7 +147,7 @@ def test_data_frame():
         "steps_before": 0,
         "length": 3,
         "robot": "b",
-        "returns": 4.0,
+        "returns": 5.25,
         "asks": 1,
         "arrived": True,
         "miscoordinations": 2,
@@ -152,7 +163,7 @@ def test_file(tmp_path):
     other = recorded()
     other.add(3, 12, [MOVE, None], outcome(reward(), reward()))
     assert not same_bits(other.history(), history)
-    HistoryRecorder(4).history().save(tmp_path)
+    blank_history(0, 4).save(tmp_path)
     assert same_bits(load_history(tmp_path), blank_history(0, 4))
     assert not same_bits(blank_history(0, 4), blank_history(0, 3))
 

@@ -112,8 +112,8 @@ def test_an_instance_has_nothing_that_its_loop_would_not_use(name, value, words)
 
 
 MISTAKES = {
-    "lern(mind, task, k, now, after)": "'lern' is nothing that a learner has; its functions are "
-    "initial, informed, begin_episode, decide,",
+    "lern(mind, task, k, now, after)": "'lern' is nothing that a learner has (did you mean "
+    "'learn'?); its functions are initial, informed, begin_episode, decide,",
     "learn(mind, task, now, after)": "learn takes (mind, task, now, after), allowed: (mind, task, "
     "k, now, after)",
 }

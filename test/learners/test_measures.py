@@ -129,11 +129,11 @@ def test_trials_that_exceed_the_optimum_say_by_how_many_errors():
     assert found.errors_above(3.0 - 2 * error) == pytest.approx(2.0)
     assert found.errors_above(3.5) == 0.0
     assert found.cells(optimum=3.0 - 2 * error)["return"] == (
-        f"3.00 ({error:.2f}), 2.0 s.e. above the optimum"
+        f"3.00 ± {error:.2f}, 2.0 s.e. above the optimum"
     )
-    assert found.cells(optimum=3.5)["return"] == f"3.00 ({error:.2f})"
+    assert found.cells(optimum=3.5)["return"] == f"3.00 ± {error:.2f}"
     single = of_trials(ROBOTS[:1])
-    assert single.cells(optimum=0.5)["return"] == "1.00 (-), above the optimum"
+    assert single.cells(optimum=0.5)["return"] == "1.00 ± -, above the optimum"
     rounding = computed(3.0 + 1e-9)
     assert rounding.cells(optimum=3.0)["return"] == "3.00"
 
@@ -142,17 +142,17 @@ def test_cells_have_errors_and_the_source():
     arrived = np.array([True, False, True])
     cells = of_trials(ROBOTS, arrived).cells()
     assert cells == {
-        "return": "3.00 (1.53)",
-        "time to goal": "3.00 (1.53)",
-        "miscoordinations": "3.00 (1.53)",
-        "asks": "3.00 (1.53)",
+        "return": "3.00 ± 1.53",
+        "time to goal": "3.00 ± 1.53",
+        "miscoordinations": "3.00 ± 1.53",
+        "asks": "3.00 ± 1.53",
         "all arrive": "2 of 3",
         "source": "3 trials",
     }
     assert computed(7.0).cells()["asks"] == "7.00"
     assert computed(7.0).cells()["all arrive"] == "99.95 %"
     teams = by_run([of_trials(ROBOTS, arrived), of_trials(ROBOTS)])
-    assert teams.cells()["all arrive"] == "83.3 % (16.7 %)"
+    assert teams.cells()["all arrive"] == "83.3 % ± 16.7 %"
 
 
 def test_plain_data_have_mean_spread_and_error_of_each_measure():
@@ -180,8 +180,8 @@ def test_a_data_frame_has_a_row_for_each_trial_or_run():
 
 def test_it_shows_itself_in_one_line():
     assert repr(of_trials(ROBOTS)) == (
-        "<Measures: 3 trials; return 3.00 (1.53), time to goal 3.00 (1.53), "
-        "miscoordinations 3.00 (1.53), asks 3.00 (1.53), all arrive 3 of 3>"
+        "<Measures: 3 trials; return 3.00 ± 1.53, time to goal 3.00 ± 1.53, "
+        "miscoordinations 3.00 ± 1.53, asks 3.00 ± 1.53, all arrive 3 of 3>"
     )
 
 

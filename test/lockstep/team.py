@@ -89,12 +89,16 @@ class WorldProcess:
         self.side = WorldSide(team.run, self)
         self.attempts = WorldAttempts(self.side, self.store, range(team.robots))
         self.started = False
+        self.newest = 0
         self.restarts = 0
         self.say()
 
     # The port.
 
     def state(self, robot, step, cell):
+        if step > self.newest + 1:
+            self.team.ends(step - EPISODE_GAP)
+        self.newest = step
         self.team.publish("state", self, robot, (step, cell))
         if self.team.run.sees_all:
             for peer in range(self.team.robots):
@@ -105,9 +109,6 @@ class WorldProcess:
         self.team.publish("reward", self, robot, (step, reward))
         cells = self.side.world.cells  # those of the next step
         self.team.happened[robot].add((step, reward.total, cells[robot]))
-
-    def episode(self, step):
-        self.team.ends(step - EPISODE_GAP)
 
     def checkpoint(self, step):
         self.store.save(self.side.snapshot(step))

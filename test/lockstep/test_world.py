@@ -21,16 +21,12 @@ class Port:
 
     def __init__(self):
         self.said = []
-        self.episodes = []
 
     def state(self, robot, step, cell):
         self.said.append(("state", robot, step, cell))
 
     def reward(self, robot, step, reward):
         self.said.append(("reward", robot, step, reward.total))
-
-    def episode(self, step):
-        self.episodes.append(step)
 
     def take(self):
         said = self.said
@@ -68,12 +64,6 @@ def port(made):
 
 def test_start_says_every_state(port):
     assert port.take() == [("state", 0, 1, 0), ("state", 1, 1, 3)]
-    assert port.episodes == [1]
-
-
-def test_an_episode_is_told(world, port):
-    world.new_episode()
-    assert port.episodes == [1, world.world.step]
 
 
 def test_the_barrier_opens_with_the_last_action(world, port):
@@ -166,8 +156,6 @@ def test_the_budget_ends_everything():
     play(world, DOWN, DOWN)
     assert world.finished
     assert world.world.episode == 0  # no new episode after the last step
-    assert world.action(0, world.world.step, DOWN) is False
-    assert world.stale == 1
 
 
 def test_the_last_states_are_said():
@@ -305,8 +293,10 @@ def test_it_says_why_an_episode_began():
     beside.expire()
     assert beside.began == StartReason.NOBODY_LEFT
     together, _ = make_world()
-    together.world.arrived = [False, True]
-    together.world.cells = [19, 17]
+    state = together.snapshot()
+    there = {"under_way": True, "cells": (19, 17), "arrived": (False, True)}
+    together.go_on_from(state._replace(position=state.position._replace(**there)))
+    together.start()
     play(together, EAST)
     assert together.began == StartReason.ARRIVED
 
@@ -343,18 +333,14 @@ def test_each_robot_that_misses_a_deadline_is_counted():
     assert (world.timeouts, world.absent) == (3, {1, 2, 3})
 
 
-def test_an_episode_that_goes_on_is_not_told_again():
+def test_another_world_goes_on_in_the_middle_of_an_episode():
     world, _ = make_world()
     port = Port()
     play(world, DOWN, DOWN)
     again = WorldSide(make_run(world.world.scenario, {}), port)
     again.go_on_from(world.snapshot())
     again.start()
-    assert port.episodes == []
     assert port.take() == [("state", 0, 2, 4), ("state", 1, 2, 7)]
-    again.go_on_from(None)
-    again.start()
-    assert port.episodes == [1]
 
 
 def test_the_world_saves_at_each_step_that_robots_see():
@@ -369,4 +355,4 @@ def test_the_world_saves_at_each_step_that_robots_see():
         play(world, DOWN, DOWN)
     seen = sorted({step for what, _, step, _ in port.take() if what == "state"})
     assert port.saved == seen[1:], "at the first one there is nothing to save"
-    assert port.episodes == [1, 6] and 4 in port.saved
+    assert 4 in port.saved

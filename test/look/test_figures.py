@@ -286,5 +286,5 @@ def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.charts", raising=False)
-    words = "pictures need the Python package matplotlib (import of matplotlib halted"
+    words = "this needs the Python package matplotlib (import of matplotlib halted"
     assert words in said(capsys, trained, "--out", tmp_path / "x.png")

@@ -11,8 +11,7 @@ from sparse_coord_ros.core.runs.evaluation import greedy_agents
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
-from sparse_coord_ros.protocol.wire.frame import Frame
-from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
+from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages
 from sparse_coord_ros.show.policy import entered, policy_of, row_asking
 
 ENV1 = load_scenario("env1")
@@ -61,13 +60,12 @@ def at_a_tie():
 def test_pictures_and_the_map_topic_agree_on_who_asks_where():
     """At a tie a robot asks at times, and none of them says that it asks."""
     scenario, tables = at_a_tie()
-    frame = Frame(make_run(scenario, {"learner": "voi"}))
+    frame = Messages(make_run(scenario, {"learner": "voi"}))
     ties = 0
     for robot, table in zip(scenario.robots, tables, strict=True):
         policy = policy_of(table, robot.goal)
-        data = OccupancyData(frame)
         published = (
-            np.frombuffer(data.coordination(table.q_star), dtype=np.int8)[data.places]
+            np.frombuffer(frame.asking_cells(table.q_star), np.int8)[frame.places]
             == OCCUPIED
         )
         here = np.arange(len(published)) != robot.goal

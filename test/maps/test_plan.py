@@ -28,7 +28,7 @@ from sparse_coord_ros.lab.maps.image import read_floor_plan, under
 from sparse_coord_ros.lab.maps.meeting import prospect_of
 from sparse_coord_ros.lab.maps.passages import narrow_corridors
 from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.show.paths import floor_figure
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
@@ -458,7 +458,7 @@ def test_poses_lie_on_the_real_map(imported):
     scenario, *_ = scenario_of(done, [CORNERS], {})
     run = run_from_yaml(make_run(scenario, {}).to_yaml(), where="text")
     assert run.resolution == 0.5
-    frame = Frame(run)
+    frame = Messages(run)
     x, y = frame.centres[run.scenario.robots[0].start]
     assert math.dist((x, y), CORNERS[0]) <= math.hypot(0.25, 0.25)
     for cell, place in enumerate(frame.centres):

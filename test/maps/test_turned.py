@@ -18,7 +18,7 @@ from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned, wall_direction
 from sparse_coord_ros.lab.maps.image import read_floor_plan, under
 from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.show.paths import floor_figure
 
 
@@ -136,7 +136,7 @@ def test_all_know_the_angle(tmp_path):
     start, goal = (grid.squares.centre(*grid.cells[cell]) for cell in (5, 600))
     scenario, *_ = scenario_of(done, [(start, goal)], {})
     run = make_run(scenario, {})
-    frame = Frame(run)
+    frame = Messages(run)
     floor = MetricMap(run)
     for cell, place in enumerate(frame.centres):
         assert frame.cell(*place) == cell

@@ -295,7 +295,7 @@ def simulate():
         ]
         percepts = Percepts(scenario, seed)
         world = World(scenario, seed)
-        recorder = HistoryRecorder(len(everyone))
+        recorder = HistoryRecorder(scenario)
         said = SimpleNamespace(scenario=scenario, actions={}, rewards={}, percepts={})
         for agent in agents:
             agent.begin_episode()

@@ -19,7 +19,7 @@ from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 
@@ -152,7 +152,7 @@ def test_team_in_one_process(tmp_path, played, assert_same_tables, game):
 
 def percepts_in(bag, namespace, run):
     """Return the robots' published percepts: {(robot, step): own cell, and those of peers}."""
-    convert = Converter(run)
+    convert = messages_of(run)
     found = {}
     topics = [
         f"/{namespace}/{robot}/percept".replace("//", "/")
@@ -237,4 +237,4 @@ def test_what_is_lost_is_said_again(
     bench.spin_until_done()
     assert_same_tables(tmp_path, said)
     assert world.summary()["timeouts"] == 0
-    assert sum(robot.member.lockstep.dropped for robot in robots) == 0
+    assert sum(robot.lockstep.dropped for robot in robots) == 0

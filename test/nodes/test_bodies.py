@@ -19,7 +19,6 @@ from geometry_msgs.msg import (
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
-from patience import PATIENCE_SECONDS
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -29,15 +28,19 @@ from sparse_coord_ros.core.game.actions import SOUTH
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
-from sparse_coord_ros.ros.nodes import mover
 from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.nodes.body_messages import (
+    goals_message,
+    reached_message,
+    read_goals,
+    read_reached,
+)
 from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.outputs import gather
 from sparse_coord_ros.ros.nodes.transforms import HeardTransforms
 
@@ -88,7 +91,7 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert len(poses) > 8 and poses[0].header.frame_id == "map"
     last = [body.pose[:2] for body in body.simulator.bodies]
     for cell, (x, y) in zip(world.lockstep.world.cells, last, strict=True):
-        assert np.hypot(*np.subtract(world.topics.convert.centres[cell], (x, y))) < 0.5
+        assert np.hypot(*np.subtract(world.topics.messages.centres[cell], (x, y))) < 0.5
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
@@ -167,39 +170,6 @@ def test_verify_takes_where_bodies_got_to_as_it_is_logged(bench, tmp_path, slips
     found = verify(out / "bag")
     assert found.same, found.first
     assert found.steps == 12 and found.log.run.bodies and found.log.run.slips is slips
-
-
-def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, monkeypatch):
-    """Else it repeats a command, and the body goes a tick too far."""
-    monkeypatch.setattr(mover, "HEAP_SECONDS", PATIENCE_SECONDS)
-    taken = []
-
-    class Taking(Driver):
-        """Keeps the times of its poses."""
-
-        def sees(self, seconds, pose):
-            taken.append(seconds)
-            super().sees(seconds, pose)
-
-    class Sleepy(DriverNode):
-        """Receives poses, and does not drive."""
-
-        def make(self, metric_map, number):
-            return Taking(metric_map, None, number)
-
-        def drive(self):
-            pass
-
-    bench.world(bodies=True)
-    context = bench.place()[0]
-    driver = bench.add(puppet(Sleepy)(context=context, values={"robot": "robot_1"}))
-    bench.spin_until(lambda: driver.presence is not None, "the run is known")
-    pose = PoseStamped()
-    pose.header.frame_id = "map"
-    for tenths in (70, *[71] * 9, 72):
-        pose.header.stamp.sec, pose.header.stamp.nanosec = 7, (tenths - 70) * 10**8
-        driver.hear("robot_1/pose", pose)
-    assert taken == pytest.approx([7.0, 7.1, 7.2])
 
 
 def test_drivers_that_are_missing_are_named(bench, tmp_path):
@@ -348,14 +318,16 @@ def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
 
 def test_goals_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
-    convert = Converter(run)
+    convert = messages_of(run)
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
-    assert convert.read_goals(convert.goals_message(goals)) == goals
+    assert read_goals(convert, goals_message(convert, goals)) == goals
     for reached in (
         GoalReport(0, 3, 5, True, 1.25, 0.0),
         GoalReport(0, 3, -1, False, 9.0, 0.0),
     ):
-        assert convert.read_reached(0, convert.reached_message(17, reached)) == reached
+        assert (
+            read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
+        )
 
 
 @pytest.mark.parametrize(
@@ -452,7 +424,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     observer.say(
         poses, pose, lambda: driver.subscriber.total > 0, "another frame is dropped"
     )
-    x, y = world.topics.convert.centres[0]
+    x, y = world.topics.messages.centres[0]
     pose.header.frame_id = "map"
     pose.pose.orientation.w = 1.0
     pose.pose.position.x = x
@@ -507,7 +479,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     observer = bench.observer()
     observer.listen(Twist, "robot_1/cmd_vel")
     heard = observer.listen(JointState, "robot_1/reached")
-    convert = Converter(world.run)
+    convert = messages_of(world.run)
     goals = Goals(1, 1, True, 0.0, (BodyGoal(0, 0, 0),))
     pose = PoseStamped()
     pose.header.frame_id = "map"
@@ -521,7 +493,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     driver.hear("run", run[0])
     driver.tick()
     driver.world_said(RunStatus(world.run.id, RunState.LEARNING, 1, 0))
-    driver.hear("goals", convert.goals_message(goals))
+    driver.hear("goals", goals_message(convert, goals))
     driver.hear("robot_1/pose", pose)
 
     def reported():

@@ -90,7 +90,7 @@ def test_the_team_ends_when_the_world_fails(bench, tmp_path):
     recorder = bench.recorder(tmp_path / "bag")
     robot = bench.robot("robot_1", out=str(tmp_path))
     world = bench.world()
-    bench.spin_until(lambda: robot.member and recorder.run, "they follow the run")
+    bench.spin_until(lambda: robot.presence and recorder.run, "they follow the run")
     world.startup_timeout = 0.001
     with pytest.raises(RunError, match="^after .* robot_2"):
         bench.spin_until(lambda: False)

@@ -31,7 +31,7 @@ IN = {
         "6",
     ),
     "its order": ("sparse_coord_ros.ros.nodes.restart:Restart._begin", "2"),
-    "its obedience": (f"{ROBOT}:Member._begin", "2"),
+    "its obedience": (f"{ROBOT}:RobotNode._begin_attempt", "2"),
 }
 """Where a node dies: in which call of which function."""
 

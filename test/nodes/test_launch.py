@@ -112,7 +112,7 @@ def test_a_world_robots_and_a_recorder(nodes, tmp_path):
     assert executables(found) == ["world_simulator", "robot", "robot", "recorder"]
     assert values(found[0]) == {
         **{"use_sim_time": False, "out": str(tmp_path / "run")},
-        **{"scenario": "env1", "recorded": True, "clock": "own"},
+        **{"scenario": "env1", "recorded": True, "clock": "none"},
     }
     assert values(found[3])["out"] == str(tmp_path / "run" / "bag")
     assert len(nodes(out=str(tmp_path / "run"), record="false")) == 3
@@ -150,6 +150,24 @@ def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(
     assert not {"penalty", "seed", "greedy", "set"} & set(
         values(nodes(params_file=file, out=out)[0])
     )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "turtlesim: {ros__parameters: {seed: 1}}",
+            r"it has: turtlesim\); name one '/\*\*' for all nodes, or world_simulator, recorder, "
+            "robot_1, robot_2",
+        ),
+        ("world_simulator: {seed: 1}", "section 'seed' has no 'ros__parameters'"),
+        ("seed: 1", "section 'seed' has no 'ros__parameters'; write the parameters"),
+    ],
+)
+def test_a_parameter_file_without_a_fitting_section(nodes, file, text, said):
+    Path(file).write_text(text)
+    with pytest.raises(SettingError, match=said):
+        nodes(params_file=file, scenario="env1")
 
 
 TRUE_OR_FALSE = "allowed: true or false"
@@ -213,10 +231,10 @@ def test_it_allows_what_its_arguments_name(nodes, tmp_path):
 
 def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
     out = str(tmp_path / "run")
-    found = nodes(out=out, namespace="/a/")
+    found = nodes(out=out, namespace="/a/", clock="own")
     assert {node["namespace"] for node in found} == {"a"}
     assert all(node["remappings"] == [("/clock", "clock")] for node in found)
-    for found in (nodes(out=out, namespace="a", clock="none"), nodes("lab", out=out)):
+    for found in (nodes(out=out, namespace="a"), nodes("lab", out=out)):
         assert values(found[0])["clock"] == "none"
         assert found[0]["remappings"] == found[3]["remappings"] == []
 
@@ -284,7 +302,7 @@ def test_the_arguments_show_their_real_defaults(shown):
     team, bodies, lab, replay = map(shown, ("team", "bodies", "lab", "replay"))
     assert [
         team[name][0] for name in ("scenario", "seed", "record", "clock", "out")
-    ] == [*("env1", "0", "true", "own", "")]
+    ] == [*("env1", "0", "true", "none", "")]
     assert [bodies[name][0] for name in ("clock", "use_sim_time")] == ["none", "true"]
     assert [
         lab[name][0] for name in ("clock", "slips", "epsilon", "checkpoint", "near")
@@ -361,7 +379,7 @@ def test_rviz_is_opened_for_the_team_at_hand(
     given = {"out": str(tmp_path / "run"), "scenario": "env2-4r", "namespace": "a"}
     [*_, view] = nodes(name, rviz="true", **given)
     assert (view["package"], view["executable"]) == ("rviz2", "rviz2")
-    assert view["parameters"] == [{"use_sim_time": name != "lab"}], (
+    assert view["parameters"] == [{"use_sim_time": name == "bodies"}], (
         "where a team owns the clock"
     )
     assert {("/tf", "tf"), ("/tf_static", "tf_static")} <= set(view["remappings"])
@@ -383,7 +401,9 @@ def test_foxglove_gets_a_layout_of_the_team_at_hand(launched, tmp_path):
     assert [one["value"] for one in shown["Plot!reward"]["paths"]] == [
         f"/a/robot_{k}/reward.position[3]" for k in (1, 2, 3, 4)
     ]
-    assert {"/a/map", "/a/robot_4/coordination_map"} < set(shown["3D!team"]["topics"])
+    assert {"/a/world_simulator/map", "/a/robot_4/coordination_map"} < set(
+        shown["3D!team"]["topics"]
+    )
     assert shown["DiagnosticSummary!world"]["topicToRender"] == "/diagnostics"
 
 

@@ -126,6 +126,6 @@ def test_the_summary_says_the_result_and_how_to_repeat_it(start, tmp_path):
         "sparse_coord train env1 --learner coop --seed 7 --set steps=300"
     )
     result = summary["result"]
-    assert result["source"] == "exact" and result["returns_error"] == 0
+    assert result["source"] == "exact" and "returns_error" not in result
     assert list(result)[-3:] == ["shortest_paths", "best_asking_team", "optimum"]
-    assert summary["result"]["optimum"] == pytest.approx(121.886, abs=0.001)
+    assert summary["result"]["optimum"] == pytest.approx(120.56, abs=0.01)

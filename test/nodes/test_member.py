@@ -14,7 +14,7 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import robot, ros_topics
-from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.messages import cell_pose, messages_of, status
 from sparse_coord_ros.ros.nodes.robot import LAST_REWARD_SECONDS, RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
@@ -48,7 +48,7 @@ def begun(own_domain, tmp_path, monkeypatch):
             node.tick()
             say(node, RunState.WAITING, 1, 0, Order("the first", 0))
             node.tick()
-            assert node.member.joined
+            assert node.joined
             return node
 
         yield begin
@@ -85,7 +85,7 @@ def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
 ):
     """They count from the first message on the run's end."""
     node = begun()
-    side = node.member.lockstep
+    side = node.lockstep
     q_star = side.agent.mind.q_star[side.agent.number]
     q_star[:, COORDINATE] = -1e6
     q_star[END, COORDINATE] = 1e6 if asks else -1e6
@@ -94,18 +94,18 @@ def test_a_robot_leaves_when_all_is_learned_or_some_seconds_later(
     ended = node.presence.ended
     say(node, RunState.STOPPED, END, END - 1)
     assert node.presence.ended == ended
-    assert node.member.all_done(ended + LAST_REWARD_SECONDS) is done
-    assert node.member.all_done(ended + LAST_REWARD_SECONDS + 0.1)
+    assert node.all_done(ended + LAST_REWARD_SECONDS) is done
+    assert node.all_done(ended + LAST_REWARD_SECONDS + 0.1)
 
 
 def test_who_learns_from_the_states_of_its_peers_listens_to_them(begun):
     node = begun(peers_seen="while_learning")
-    side = node.member.lockstep
+    side = node.lockstep
     side.agent.mind.q_star[side.agent.number, :, COORDINATE] = -1e6
-    convert = Converter(node.run)
-    node.hear(STATES, convert.pose(1, 3))
+    convert = messages_of(node.run)
+    node.hear(STATES, cell_pose(convert, 1, 3))
     assert side.self_report_of(1) is None, "it has not acted"
-    node.hear(PEERS_STATES, convert.pose(1, 5))
+    node.hear(PEERS_STATES, cell_pose(convert, 1, 5))
     assert side.self_report_of(1) is not None
 
 
@@ -113,19 +113,19 @@ def test_who_learns_from_the_states_of_its_peers_listens_to_them(begun):
 def test_who_goes_back_listens_anew(begun, peers_seen):
     """Messages in flight belong to the time that is taken back, with the same step numbers."""
     node = begun(peers_seen)
-    state = Converter(node.run).pose(1, 3)
+    state = cell_pose(messages_of(node.run), 1, 3)
     peers = listening(node, PEERS_STATES)
     assert len(peers) == (peers_seen == "while_learning")
     [before] = listening(node)
     say(node, RunState.LEARNING, 1, 0, Order("the second", 0))
     node.hear(STATES, state)
-    assert (node.member.joined, node.member.lockstep.newest[0]) == (False, 0)
+    assert (node.joined, node.lockstep.newest[0]) == (False, 0)
     node.tick()
     [after] = listening(node)
-    assert node.member.joined and after is not before
+    assert node.joined and after is not before
     assert not set(peers) & set(listening(node, PEERS_STATES))
     node.hear(STATES, state)
-    assert node.member.lockstep.newest == (1, 3)
+    assert node.lockstep.newest == (1, 3)
 
 
 def listening(node, topic=STATES):

@@ -153,7 +153,12 @@ def test_a_directory_in_use_is_left_alone(opened, tmp_path, file):
 @pytest.mark.parametrize(
     ("learned", "asked", "text"),
     [
-        (("env2-2r", "coop"), ("env1", "coop"), "env1"),
+        (
+            ("env2-2r", "coop"),
+            ("env1", "coop"),
+            "of map env2, .* not those of map env1",
+        ),
+        (("lane", "coop"), ("env1", "coop"), "of map lane, .* not those of map env1"),
         (
             ("env1", "indiv"),
             ("env1", "coop"),

@@ -79,7 +79,7 @@ def test_every_parameter_is_described(made, name):
         kind = setting.kind if isinstance(setting.kind, type) else str
         assert descriptor.type == TYPES[kind]
         assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
-        assert descriptor.read_only == (key != "rate")
+        assert descriptor.read_only == (key not in ParameterNode.changeable)
         assert node.get_parameter(key).value == setting.parse(setting.default)
     assert node.values == table.defaults()
 
@@ -227,6 +227,8 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     assert world.lockstep.world.transitions == 0
     result = set_one(observer, "rate", double(-1.0))
     assert not result.successful
+    assert "out of range Min: 0" in result.reason
+    result = set_one(observer, "rate", double(0.0001))
     assert "allowed: 0, or a number from 0.001" in result.reason
     numbers = ParameterValue(
         type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=[1.0]

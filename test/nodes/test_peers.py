@@ -10,7 +10,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer
 from sparse_coord_ros.ros.nodes import peers
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import cell_path, messages_of
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS, Peer, Peers
 
 
@@ -163,13 +163,13 @@ def side():
 def asked(node, side):
     """Return robot_1's peers."""
     run = make_run(load_scenario("env1"), TIMEOUTS)
-    return Peers(node, run, Converter(run), side)
+    return Peers(node, run, messages_of(run), side)
 
 
 def plan(step, *cells):
     """Return an answer: a peer is in these cells at a step."""
-    convert = Converter(make_run(load_scenario("env1"), {}))
-    return GetPlan.Response(plan=convert.path(step, cells))
+    convert = messages_of(make_run(load_scenario("env1"), {}))
+    return GetPlan.Response(plan=cell_path(convert, step, cells))
 
 
 def test_an_answer_that_does_not_fit_is_dropped_and_counted(node, side, asked):

@@ -243,7 +243,7 @@ def test_bad_changes_are_refused(bench, bag):
         ("position", 4.91, "value is 4.91, allowed: a number from 0 to 4.9"),
         ("position", -1.0, "value is -1.0, allowed: a number from 0 to 4.9"),
         ("position", float("nan"), "value is nan"),
-        ("rate", 0.0, "allowed: a number from 0.01"),
+        ("rate", 0.0, "out of range Min: 0.01"),
         ("loop", True, "read-only"),
     ):
         assert there.player.describe_parameter(name).read_only == (name == "loop")

@@ -24,7 +24,7 @@ from sparse_coord_ros.protocol.wire.status import (
     read_progress,
 )
 from sparse_coord_ros.ros.nodes import recorder, ros_topics
-from sparse_coord_ros.ros.nodes.messages import Converter, status, tables_message
+from sparse_coord_ros.ros.nodes.messages import messages_of, status, tables_message
 from sparse_coord_ros.ros.nodes.recorder import (
     LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
@@ -170,7 +170,7 @@ def test_tables_are_written_when_the_bag_holds_everything_before_them(recording)
         tables(node, robot, 7, Occasion.CHECKPOINT, attempt="another")
         tables(node, robot, 7, Occasion.CHECKPOINT)
     assert node.told[-1] == Progress((0,), "first")
-    convert = Converter(node.run)
+    convert = messages_of(node.run)
     for robot in robots:
         data = convert.pack_state(7, node.run.scenario.robots[0].start)
         message = deserialize_message(data, ros_topics.LOCAL_STATE.type)

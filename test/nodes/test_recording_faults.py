@@ -45,7 +45,10 @@ def last_step(bag):
     """Return the last time step in a bag; 0 without one."""
     if not any(bag.glob("*.mcap*")):
         return 0
-    times = (message.log_time_ns for message in open_bag(bag).messages(["/clock"]))
+    times = (
+        message.log_time_ns
+        for message in open_bag(bag).messages(["/robot_1/local_state"])
+    )
     return max(times, default=0) // PERIOD_NS
 
 

@@ -114,7 +114,7 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
             stop=lambda: len(saved(out)) >= 3,
         )
     observer = bench.observer()
-    markers = observer.listen(MarkerArray, "markers", latched=True)
+    scenes = observer.listen(MarkerArray, "world_simulator/scene", latched=True)
     maps = observer.listen(OccupancyGrid, "robot_1/coordination_map", latched=True)
     said = observer.listen(DiagnosticArray, "/diagnostics")
     bench.world(resume=True, scenario="", out=str(out))
@@ -122,7 +122,7 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
     bench.spin_until(
         lambda: len({one.status[0].name for one in said}) == 2, "both report"
     )
-    assert markers == maps == []
+    assert scenes == maps == []
 
 
 def test_another_run_is_refused(tmp_path):

@@ -25,7 +25,7 @@ from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Progress
 from sparse_coord_ros.ros.nodes import parameters, robot, ros_topics
 from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.recorder import Recorder
-from sparse_coord_ros.ros.nodes.robot import Member, RobotNode
+from sparse_coord_ros.ros.nodes.robot import RobotNode
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator
@@ -89,14 +89,14 @@ def test_a_second_robot_of_a_name_stops(bench, looking):
     second = bench.robot("robot_1", place="elsewhere")
     with pytest.raises(NameTakenError, match="^node /robot_1: another node has this"):
         bench.spin_until(lambda: False)
-    assert second.member is None
+    assert second.presence is None
     bench.destroy(second)
     world.values["rate"] = 0.0
     before = world.lockstep.world.transitions
     bench.spin_until(
         lambda: world.lockstep.world.transitions > before + 20, "the first goes on"
     )
-    assert first.member.lockstep.newest[0] > 20
+    assert first.lockstep.newest[0] > 20
 
 
 def test_a_robot_waits_until_a_ghost_of_its_name_is_gone(bench, looking, monkeypatch):
@@ -105,9 +105,9 @@ def test_a_robot_waits_until_a_ghost_of_its_name_is_gone(bench, looking, monkeyp
     bench.world()
     one = bench.robot("robot_1")
     bench.spin_until(lambda: one.run and one.looked_around(time.monotonic()), "a run")
-    assert one.member is None
+    assert one.presence is None
     bench.destroy(ghost)
-    bench.spin_until(lambda: one.member, "it begins")
+    bench.spin_until(lambda: one.presence, "it begins")
 
 
 def test_a_second_world_stops(bench, looking):
@@ -173,7 +173,7 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
 ):
     """Else earlier messages are missing in the log, and `verify` finds a difference."""
     world = bench.world()
-    clock = world.topics.clock
+    states = world.topics.states[0]
 
     def recorder(place):
         node = bench.add(Node(wire.RECORDER, context=bench.place(place)[0]), place)
@@ -182,12 +182,15 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
 
     def listens(node):
         node.create_subscription(
-            ros_topics.CLOCK.type, "/clock", print, ros_topics.CLOCK.qos
+            ros_topics.LOCAL_STATE.type,
+            states.topic_name,
+            print,
+            ros_topics.LOCAL_STATE.qos,
         )
 
     listens(recorder("killed"))  # it stays in the graph
     bench.spin_until(
-        lambda: world.heard_by(clock, wire.RECORDER), "the first one is heard of"
+        lambda: world.heard_by(states, wire.RECORDER), "the first one is heard of"
     )
     back = recorder("back")
 
@@ -196,9 +199,9 @@ def test_a_recorder_that_comes_back_is_heard_of_although_the_killed_one_is_still
         return [info.node_name for info in infos] == [wire.RECORDER] * 2
 
     bench.spin_until(known, "the second one is known")
-    assert not world.heard_by(clock, wire.RECORDER)
+    assert not world.heard_by(states, wire.RECORDER)
     listens(back)
-    bench.spin_until(lambda: world.heard_by(clock, wire.RECORDER), "it listens")
+    bench.spin_until(lambda: world.heard_by(states, wire.RECORDER), "it listens")
 
 
 @pytest.mark.parametrize("name", ["robot_1", "recorder"])
@@ -253,16 +256,17 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     values = {"scenario": "env1", "record": False}
     epsilons = []
 
-    class Watched(Member):
-        def act(self, step, action, report):
-            epsilons.append(self.lockstep.agent.epsilon(step))
-            super().act(step, action, report)
+    acts = RobotNode.act
+
+    def act(node, step, action, report):
+        epsilons.append(node.lockstep.agent.epsilon(step))
+        acts(node, step, action, report)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"
         run_team({**values, "out": str(out), "steps": 1}, context=context)
         (before / "run.yaml").write_text((out / "run.yaml").read_text())
-        patch.setattr("sparse_coord_ros.ros.nodes.robot.Member", Watched)
+        patch.setattr(RobotNode, "act", act)
         patch.setattr(RobotSide, "peer_state", None)  # it hears nothing of its peers
         out = tmp_path / "greedy"
         more = {

@@ -10,7 +10,7 @@ from sparse_coord_ros.ros.nodes.subscriber import Subscriber
 def test_a_message_that_does_not_fit_is_said_once_a_topic_and_counted():
     lines = []
     logger = SimpleNamespace(warning=lines.append)
-    subscriber = Subscriber(SimpleNamespace(get_logger=lambda: logger))
+    subscriber = Subscriber(SimpleNamespace(get_logger=lambda: logger), print)
     for _ in range(3):
         subscriber.drop("/a", "has two\nlines")
     subscriber.drop("/b", ValueError("is none"), "the answer is not used")

@@ -124,7 +124,7 @@ def test_no_node_of_a_run_under_way_does(bench, beside, tmp_path, monkeypatch, k
 def test_a_robot_that_is_told_to_follows_it(bench, beside, monkeypatch, kind):
     robot = bench.robot("robot_1", allow=["theirs"])
     say(bench, announced(kind))
-    bench.spin_until(lambda: robot.member is not None, "the robot joins")
+    bench.spin_until(lambda: robot.presence is not None, "the robot joins")
     assert beside.exists()
 
 

@@ -9,7 +9,7 @@ from teams import Traces, plain_run, tables_equal
 from sparse_coord_ros.log.runlog import read_run, relearned, verify
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.log.runlog.window import LongLog
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 
 
 @pytest.fixture(params=["coop", "voi", Traces()], ids=["coop", "voi", "traces"])
@@ -66,7 +66,7 @@ def test_what_nobody_wants_any_more_gives_the_recorded_tables(bag):
 
 def test_behind_a_loss_the_recorded_tables_are_given(record, rewritten, tmp_path):
     run = record(settings={"steps": 800}, values={"checkpoint": 250})
-    lost = [(300 + n) * Frame(run.run).period for n in range(5)]
+    lost = [(300 + n) * Messages(run.run).period for n in range(5)]
     directory = rewritten(
         run.bag,
         tmp_path / "bag",

@@ -9,6 +9,7 @@ import pytest
 from teams import tables_equal
 
 from sparse_coord_ros.core.game.actions import ACTIONS
+from sparse_coord_ros.core.learners.mind import memory_before
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import (
@@ -17,6 +18,7 @@ from sparse_coord_ros.log.runlog.explain import (
     explained,
     in_words,
 )
+from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 
 EXPLORING = {
     "steps": 400,
@@ -67,7 +69,7 @@ def test_a_robot_that_asks_only_to_learn_moves_by_its_policy(logged, robots):
         assert one.agrees and one.doubt is None
         lines = list(in_words(log, one))
         assert (f"  {ASKS_TO_LEARN}" in lines) == one.reason.by_policy
-        row = f"Q*[{one.cell}]"
+        row = f"Q^C[{one.cell}, no answer]"
         if one.perceived is not None:
             row = f"Q^C[{', '.join(map(str, (one.cell, *one.perceived)))}]"
         moved = f"  goes {ACTIONS[one.move]} by {row}: north "
@@ -78,6 +80,46 @@ def test_a_robot_that_asks_only_to_learn_moves_by_its_policy(logged, robots):
         assert sum(line.startswith(moved) for line in lines) == 1
         told[one.reason.by_policy] += 1
     assert min(told.values()) > 10
+
+
+def test_explain_says_why_it_asked_and_what_it_learned_a_step_later(logged):
+    log = read_run(logged[2].bag)
+    changed = 0
+    steps = coordinations(log, 0)[:120]
+    questions = list(explained(log, 0, steps))
+    memory = memory_before(log.run.rule, log.run.scenario, 0)
+    replay = Replay(log, trajectory_of(log, 0), agent_with(log, 0, memory))
+    for place, one in enumerate(questions):
+        lines = list(in_words(log, one))
+        assert lines[1].startswith(f"  Q*[{one.cell}]: north ")
+        assert ", coordinate " in lines[1]
+        assert lines[2].startswith(f"  U[{one.cell}], alone: north ")
+        if one.update is None or one.update.later is None:
+            continue
+        (cell, *_), before, after = one.update.later
+        assert replay.advance(place + 2)
+        assert replay.agent.values_asking(cell, one.perceived) == after
+        assert f"    east {before[2]!r} -> {after[2]!r}" == lines[-2]
+        changed += before != after
+    assert changed > 60
+
+
+def test_who_sees_its_peers_learns_of_them_without_an_answer(record):
+    """As Algorithm 1 with peers seen while learning: Q^C of the joint state."""
+    settings = {**EXPLORING, **SEEN, "perception": "probability:0.5"}
+    log = read_run(record("env1", settings, values={"learner": "coop"}).bag)
+    unanswered = [
+        one
+        for one in explained(log, 0, coordinations(log, 0))
+        if one.perceived is None and one.update is not None
+    ]
+    changed = 0
+    for one in unanswered:
+        state, before, after = one.update.coord
+        assert len(state) == 3
+        changed += before != after
+        assert any(f"{before!r} -> {after!r}" in line for line in in_words(log, one))
+    assert changed > 10
 
 
 def test_robots_that_see_their_peers_ask_only_where_that_pays(record):

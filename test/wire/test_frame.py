@@ -13,8 +13,11 @@ from hypothesis import strategies as st
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.wire.frame import Frame
-from sparse_coord_ros.protocol.wire.messages import action_from, action_numbers
+from sparse_coord_ros.protocol.wire.messages import (
+    Messages,
+    action_from,
+    action_numbers,
+)
 
 
 @functools.cache
@@ -32,7 +35,7 @@ def with_cells_of(name, resolution):
 @given(st.floats(0.05, 10.0), st.data())
 def test_cells_come_back(resolution, data):
     """From anywhere in their squares."""
-    frame = Frame(with_cells_of("cmu", resolution))
+    frame = Messages(with_cells_of("cmu", resolution))
     cell = data.draw(st.integers(0, len(frame.centres) - 1))
     x, y = frame.centres[cell]
     off = [resolution * data.draw(st.floats(-0.49, 0.49)) for _ in range(2)]
@@ -52,13 +55,13 @@ def test_cells_come_back(resolution, data):
     ],
 )
 def test_elsewhere_is_no_cell(place, resolution):
-    frame = Frame(with_cells_of("env1", resolution))
+    frame = Messages(with_cells_of("env1", resolution))
     assert frame.cell(*place) is None
 
 
 @given(st.integers(0, 9_999_999))
 def test_steps_come_back(step):
-    frame = Frame(make_run(scenario("env1"), {}))
+    frame = Messages(make_run(scenario("env1"), {}))
     sec, nanosec = frame.stamp(step)
     assert frame.step(sec, nanosec) == step
     assert 0 <= nanosec < 1_000_000_000

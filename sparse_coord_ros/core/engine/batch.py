@@ -11,11 +11,12 @@ closed, as by Ctrl-C, both stop within a block of time steps.
 import os
 import re
 import sys
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,6 +57,15 @@ TELLING = (
     "Cannot",
 )
 """Beginnings of the lines in which numba says what it cannot compile."""
+
+
+WORTH_COMPILING = 500_000
+WORTH_LOADING = 100_000
+"""Agent-steps of coop that plain Python makes while numba compiles, or is imported and finds the
+compiled loops on disk: less work is done sooner without."""
+
+STEPS_OF_A_TRIAL = 20
+"""Steps of a greedy trial, roughly."""
 
 
 def run_batch(
@@ -120,11 +130,20 @@ def run_batches(
         SettingError, RunError: as of `run_batch`.
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    for compiled, group in groupby(
-        batches, lambda one: uses_numba(engine, one.learner)
-    ):
+    work_of: Counter[type[Learner]] = Counter()
+    for one in batches:
+        work_of[one.learner.rule] += _work_of(one, trials)
+
+    def how_to_compute(one: Batch) -> str:
+        if not uses_numba(engine, one.learner):
+            return "processes"
+        rule = one.learner
+        quick = is_loaded(learner=rule) or pays_to_compile(work_of[rule.rule], rule)
+        return "threads" if engine == "numba" or quick else "here"
+
+    for how, group in groupby(batches, how_to_compute):
         same = list(group)
-        if compiled:
+        if how == "threads":
             yield from _in_threads(same, trials, jobs, history)
             continue
         work = [
@@ -133,10 +152,25 @@ def run_batches(
             for s in one.seeds
         ]
         found = all(map(_is_found_elsewhere, same))
-        if jobs == 1 or len(work) == 1 or not found:
+        if how == "here" or jobs == 1 or len(work) == 1 or not found:
             yield from (_run_plain(*one) for one in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
+
+
+def _work_of(batch: Batch, trials: int) -> int:
+    """Return the agent-steps of a batch, roughly those of its trials included."""
+    scenario = batch.scenario
+    steps = agent_steps(scenario)
+    if not is_quick(scenario):
+        steps += trials * len(scenario.robots) * STEPS_OF_A_TRIAL
+    return steps * len(batch.seeds)
+
+
+def pays_to_compile(steps: int, learner: Learner) -> bool:
+    """Return whether plain Python takes longer for so many agent-steps than numba to begin."""
+    needed = WORTH_LOADING if is_prepared(learner=learner) else WORTH_COMPILING
+    return steps * learner.slow >= needed
 
 
 def _is_found_elsewhere(batch: Batch) -> bool:
@@ -150,17 +184,23 @@ def _in_threads(
 ) -> Iterator[Training]:
     """Yield compiled runs."""
     stop = np.zeros(1, dtype=np.bool_)
-    futures = []
     with ThreadPoolExecutor(jobs) as pool:
-        try:
+
+        def submitted() -> Iterator[Future[Training]]:
             for scenario, rule, seeds in batches:
                 prepare(rule)
                 team = Team(scenario, rule, compiled=True, stop=stop)
                 run = partial(_run, team, trials=trials, gathering=history)
-                futures += [pool.submit(run, seed) for seed in seeds]
-            futures.reverse()
-            while futures:  # a run's tables can be large: keep none that was handed out
-                yield futures.pop().result()
+                for seed in seeds:
+                    yield pool.submit(run, seed)
+
+        # Only some ahead: a learner is compiled when its turn comes, and tables can be large.
+        futures = submitted()
+        waiting = deque(islice(futures, 2 * jobs))
+        try:
+            while waiting:
+                yield waiting.popleft().result()
+                waiting.extend(islice(futures, 1))
         finally:
             stop[0] = True
             pool.shutdown(wait=True, cancel_futures=True)

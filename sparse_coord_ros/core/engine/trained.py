@@ -34,7 +34,7 @@ class Training:
         visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         evaluations: measures of the team on the way, in trials: `steps`, the transitions before
-            them, and `Measures.to_dict`.
+            them, `peers_seen`, and `Measures.to_dict`.
         measures: what its team earns, as `train_many` finds it: exactly where that is quick, else
             in greedy trials, seeded by the run's seed; None where it was not asked for.
     """

@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from sparse_coord_ros.base.errors import SettingError, check_function
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.files import path_argument
+from sparse_coord_ros.base.progress import Show, shown
+from sparse_coord_ros.base.signals import STOPPING
 from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
@@ -27,7 +29,7 @@ from sparse_coord_ros.core.learners.registry import (
     chosen_learner,
     learner_of,
 )
-from sparse_coord_ros.core.runs.evaluation import Progress, silent
+from sparse_coord_ros.core.runs.evaluation import Progress
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.runs.team import Team
@@ -38,11 +40,6 @@ EVERY = Setting(
 EVERY_TRIALS = Setting(
     "trials", int, 200, "trials of each of them", low=2, high=10_000_000
 )
-
-WORTH_COMPILING = 400_000
-WORTH_LOADING = 100_000
-"""Agent-steps of coop that plain Python makes while numba compiles, or is imported and finds the
-compiled loops on disk: a shorter run is quicker without."""
 
 FIRST_PART = 1000
 """Transitions learned at first between two looks at the clock and at signals."""
@@ -90,17 +87,11 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    quick = batch.is_loaded(learner=rule) or pays_to_compile(scenario, rule)
+    steps = batch.agent_steps(scenario)
+    quick = batch.is_loaded(learner=rule) or batch.pays_to_compile(steps, rule)
     if engine == "auto" and not quick:
         return "python"
     return "numba" if batch.uses_numba(engine, rule) else "python"
-
-
-def pays_to_compile(scenario: Scenario, learner: Learner) -> bool:
-    """Return whether plain Python takes longer for a run than numba takes to begin."""
-    kept = batch.is_prepared(learner=learner)
-    needed = WORTH_LOADING if kept else WORTH_COMPILING
-    return scenario.steps * len(scenario.robots) * learner.slow >= needed
 
 
 def train(
@@ -111,7 +102,7 @@ def train(
     engine: str = "auto",
     evaluate_every: int | None = None,
     trials: int = 200,
-    progress: Progress = silent,
+    progress: Show = True,
     checkpoint: Path | None = None,
     resume: bool = False,
     watcher: Watcher | None = None,
@@ -120,9 +111,9 @@ def train(
 
     `Training.history` is the history of episodes; `Training.save` writes a run's directory.
 
-    With a `checkpoint` an interrupt (SIGINT or SIGTERM, in the main thread) is held back until
-    the run is saved; a second one is not. `train(..., resume=True)` continues from there, on any
-    engine, and ends with the bits of an unbroken run.
+    With a `checkpoint` an interrupt (SIGINT, SIGTERM or SIGHUP, in the main thread) is held back
+    until the run is saved; a second one is not. `train(..., resume=True)` continues from there, on
+    any engine, and ends with the bits of an unbroken run.
 
     Args:
         scenario: the problem and its protocol.
@@ -132,7 +123,8 @@ def train(
         evaluate_every: transitions between two evaluations, the last one after the budget; 0:
             none; None: none, or for a resumed run as before.
         trials: greedy trials of each evaluation, seeded by the run's seed.
-        progress: called with the transitions done and the budget, several times a second.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called with the transitions done and the budget, several times a second.
         checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
         resume: whether to continue from `checkpoint`.
         watcher: looks at the run several times a second; the bits stay the same.
@@ -147,7 +139,7 @@ def train(
     seed = RUN_SETTINGS["seed"].parse(seed)
     evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
     trials = EVERY_TRIALS.parse(trials)
-    check_function("progress", progress)
+    told = shown(progress, "steps")
     if checkpoint is not None:
         checkpoint = path_argument("checkpoint", checkpoint)
     saved = None
@@ -170,7 +162,7 @@ def train(
         trials,
         [] if saved is None else list(saved.evaluations),
         checkpoint,
-        progress,
+        told,
         watcher,
     )
     learning = under_way.run()
@@ -244,7 +236,9 @@ class _RunUnderWay:
         over = done == self.learning.scenario.steps
         if every and (over or done % every == 0):
             measures = self.learning.play(self.trials)
-            self.evaluations.append({"steps": done, **measures.to_dict()})
+            seen = self.learning.scenario.peers_seen
+            row = {"steps": done, "peers_seen": seen, **measures.to_dict()}
+            self.evaluations.append(row)
 
     def _look(self) -> int | None:
         """Let the watcher look; return what it returns."""
@@ -282,7 +276,7 @@ def _next_part(part: int, took: float, *, may_grow: bool) -> int:
 
 @contextmanager
 def _held_back(*, wanted: bool) -> Iterator[list[int]]:
-    """Hold back the first SIGINT or SIGTERM; a list of one that came. The second interrupts."""
+    """Hold back the first signal of `STOPPING`; a list of one that came. The second interrupts."""
     caught: list[int] = []
     if not wanted or threading.current_thread() is not threading.main_thread():
         yield caught
@@ -293,11 +287,7 @@ def _held_back(*, wanted: bool) -> Iterator[list[int]]:
             raise KeyboardInterrupt
         caught.append(number)
 
-    numbers = [
-        n
-        for n in (signal.SIGINT, signal.SIGTERM)
-        if signal.getsignal(n) != signal.SIG_IGN
-    ]
+    numbers = [n for n in STOPPING if signal.getsignal(n) != signal.SIG_IGN]
     before = {number: signal.signal(number, note) for number in numbers}
     try:
         yield caught

@@ -3,7 +3,8 @@
 """Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from sparse_coord_ros.base.share import share_file, share_names
 from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.buildings import building
-from sparse_coord_ros.core.game.grid import GridMap, load_map, parse_map
+from sparse_coord_ros.core.game.grid import GridMap, load_map, map_names, parse_map
 from sparse_coord_ros.core.game.perception import PERCEPTION
 from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.schedules import EPSILON, STARTS, STEP_SIZE
@@ -127,7 +128,11 @@ class Scenario:
     robots: tuple[Robot, ...]
     steps: int = setting(10_000, "learning steps of each robot", low=1, high=10**7)
     goal_reward: float = setting(
-        10.0, "r^I paid on arrival and each step after it", low=0, high=LARGEST
+        10.0,
+        "r^I paid on arrival and each step after it; a cost c of each step until then is the same "
+        "as a goal_reward larger by c",
+        low=0,
+        high=LARGEST,
     )
     penalty: float = setting(
         -100.0,
@@ -329,17 +334,46 @@ class Scenario:
         parsed = SETTINGS.parse(values)
         return replace(self, **parsed, given=self.given | set(parsed))
 
+    def with_places(
+        self,
+        starts: Mapping[str, object] | None = None,
+        goals: Mapping[str, object] | None = None,
+    ) -> "Scenario":
+        """Return a copy with some robots' starts or goals elsewhere.
+
+        Args:
+            starts: by a robot's name [row, column] of its start, counted from 0 at the top left,
+                or a start digit of the map.
+            goals: likewise of its goal.
+
+        Raises:
+            ScenarioError: there is no such robot or no such free cell, or no way to the goal.
+        """
+        robots = {robot.name: places for robot, places in self._places()}
+        for field_name, places in (("start", starts), ("goal", goals)):
+            for name, place in (places or {}).items():
+                if name not in robots:
+                    what = f"has no robot {name!r}{did_you_mean(name, robots)}"
+                    raise ScenarioError(
+                        f"scenario {self.name}: {what}; allowed: {', '.join(robots)}"
+                    )
+                robots[name][field_name] = place
+        where = f"scenario {self.name}"
+        return replace(self, robots=_robots(robots, self.map, where))
+
+    def _places(self) -> Iterator[tuple[Robot, dict[str, Any]]]:
+        """Yield each robot with its start and its goal, as [row, column]."""
+        for robot in self.robots:
+            start = list(self.map.cells[robot.start])
+            yield robot, {"start": start, "goal": list(self.map.cells[robot.goal])}
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
-        place = {x: list(position) for x, position in enumerate(self.map.cells)}
         grid = replace(self.map, provenance="")
         return {
             "name": self.name,
             "map": {"name": self.map.name, "text": grid.to_text()},
-            "robots": {
-                r.name: {"start": place[r.start], "goal": place[r.goal]}
-                for r in self.robots
-            },
+            "robots": {robot.name: places for robot, places in self._places()},
             **self.plain_settings,
         }
 
@@ -436,22 +470,47 @@ def load_scenario(
         )
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")
-        if shipped is None and path.is_dir():
-            raise ScenarioError(
-                f"scenario {name!r}: is a folder; give the path of a scenario file"
-            )
         if shipped is None:
-            raise ScenarioError(
-                f"scenario {name!r}: no such scenario{did_you_mean(name, scenario_names())}; give "
-                f"the path of a scenario file or one of: {', '.join(scenario_names())}"
-            )
+            raise ScenarioError(f"scenario {name!r}: {_no_scenario(name, path)}")
         path = shipped
     text = read_text(path, ScenarioError, "give the path of a scenario file")
+    _refuse_map(text, path)
     data = parse_yaml(text, where=str(path))
     scenario = scenario_from_dict(
         data, where=str(path), name=path.stem, beside=path.parent
     )
     return scenario.with_settings(settings)
+
+
+def _no_scenario(name: str, path: Path) -> str:
+    """Return why a name, or the path of no file, is no scenario; and what to give instead."""
+    remedy = "give the path of a scenario file"
+    if (path / "run.yaml").is_file():
+        return (
+            f"is the directory of a run; to continue it: --resume {name}; else {remedy}"
+        )
+    if path.is_dir():
+        return f"is a folder; {remedy}"
+    if name in map_names():
+        return f"is a map; scenarios on it: {', '.join(scenarios_on(name)) or 'none'}"
+    known = scenario_names()
+    hint = did_you_mean(name, known)
+    return f"no such scenario{hint}; {remedy} or one of: {', '.join(known)}"
+
+
+def scenarios_on(name: str) -> list[str]:
+    """Return the names of the shipped scenarios on a shipped map."""
+    return [one for one in scenario_names() if load_scenario(one).map.name == name]
+
+
+def _refuse_map(text: str, path: Path) -> None:
+    """Raise `ScenarioError` if a file's text is that of a map."""
+    with suppress(MapError):
+        parse_map(text, name=path.stem, where=str(path))
+        raise ScenarioError(
+            f"{path}: is a map, no scenario; write a scenario file with 'map: {path.name}' and a "
+            "line for each robot under 'robots:', e.g. robot_1: {start: 1, goal: [4, 4]}"
+        )
 
 
 def scenario_from_dict(
@@ -472,6 +531,9 @@ def scenario_from_dict(
     if "image" in data and "map" not in data:
         remedy = f"make one of it with: sparse_coord import-map {where}"
         raise ScenarioError(f"{where}: is a map of map_server, no scenario; {remedy}")
+    if "scenario" in data and "format" in data:
+        remedy = "the command that repeats it is in summary.yaml beside it"
+        raise ScenarioError(f"{where}: describes a run, no scenario; {remedy}")
     for key in data:
         if key not in FILE_KEYS:
             what = f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}"

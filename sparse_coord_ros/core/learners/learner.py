@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.base.compiling import jitable
-from sparse_coord_ros.base.errors import SettingError, in_short
+from sparse_coord_ros.base.errors import SettingError, did_you_mean, in_short
 from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.draws import LEARNING, MOVE_TIE, ROBOT, keys_of
 from sparse_coord_ros.core.game.plugins import failing_as, is_shipped, path_of
@@ -105,8 +105,9 @@ def _check_name(learner: type, name: str) -> None:
     """Raise `TypeError` if a public name is none of a learner's: nothing would ever use it."""
     if not (name.startswith("_") or name == "Mind" or hasattr(Learner, name)):
         raise TypeError(
-            f"class {learner.__name__}: {name!r} is nothing that a learner has; its functions "
-            f"are {', '.join(HOOKS)}; let names of your own begin with '_'"
+            f"class {learner.__name__}: {name!r} is nothing that a learner has"
+            f"{did_you_mean(name, HOOKS)}; its functions are {', '.join(HOOKS)}; let names of "
+            "your own begin with '_'"
         )
 
 

@@ -15,6 +15,7 @@ from sparse_coord_ros.base import npz
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import RunError, retold
 from sparse_coord_ros.base.files import read_file, write_whole
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import Action, StepOutcome
 
 if TYPE_CHECKING:
@@ -39,8 +40,9 @@ class History(NamedTuple):
     Attributes:
         first_step: the time step at which the episode begins, shape (E,), int64.
         length: its transitions, shape (E,), int64.
-        returns: undiscounted sum of R_k(t) that robot k received while it was under way, not after
-            its arrival, shape (E, K), float64; 0 where it was not present.
+        returns: total discounted reward of robot k, as of `evaluate`: with all that the goal pays
+            from its arrival on, and with later miscoordinations; of a cut-off episode as far as it
+            goes. Shape (E, K), float64; 0 where it was not present.
         miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
         asks: how often robot k chose COORDINATE, shape (E, K), int64.
         arrived: whether robot k reached its goal, shape (E, K), bool.
@@ -210,11 +212,68 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     )
 
 
+MEAN_CURVES = CURVES
+"""The learning curves of several runs."""
+
+PARTS = 50
+"""Points of such a curve."""
+
+
+def mean_curves(histories: Sequence[History], steps: int) -> dict[str, np.ndarray]:
+    """Return learning curves, averaged over runs, with their standard errors.
+
+    Args:
+        histories: of each run.
+        steps: the learning steps of a run.
+
+    Returns:
+        `steps`, the learning steps at the end of each part, and for each of `MEAN_CURVES` the mean
+        of the episodes that end in the part, and `<name>_error`; NaN where none does.
+    """
+    ends = np.linspace(0, steps, PARTS + 1)[1:]
+    curves: dict[str, np.ndarray] = {"steps": ends}
+    for name in MEAN_CURVES:
+        by_run = np.array([_by_part(history, name, ends) for history in histories])
+        known = ~np.isnan(by_run)
+        count = known.sum(axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean = np.where(known, by_run, 0.0).sum(axis=0) / count
+            squares = np.where(known, (by_run - mean) ** 2, 0.0).sum(axis=0)
+            error = np.sqrt(squares / (count - 1) / count)
+        curves[name] = mean
+        curves[f"{name}_error"] = error
+    return curves
+
+
+def _by_part(history: History, name: str, ends: np.ndarray) -> np.ndarray:
+    """Return the mean of a measure over the episodes that end in each part of a run."""
+    values = np.asarray(getattr(history, name), dtype=np.float64)
+    if values.ndim == 2:
+        values = (values * history.present).sum(axis=1) / history.present.sum(axis=1)
+    done = _learning_steps(history)
+    whole = done < ends[-1]  # the budget's end cuts an episode off
+    values = values[whole]
+    part = np.searchsorted(ends, done[whole])
+    sums = np.bincount(part, values, minlength=len(ends))
+    counts = np.bincount(part, minlength=len(ends))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(sums / counts)
+
+
+def _learning_steps(history: History) -> np.ndarray:
+    """Return the learning steps at the end of each episode; robots that learn alone each count."""
+    done = np.zeros(history.episodes)
+    for group in np.unique(history.present, axis=0):
+        own = (history.present == group).all(axis=1)
+        done[own] = np.cumsum(history.length[own])
+    return done
+
+
 class HistoryRecorder:
     """Gathers the history of a run that is fed to it transition by transition.
 
     Args:
-        robots: number of robots, K.
+        scenario: the problem, with K robots.
         history: rows to go on from; the first transition added goes into a new episode unless
             `under_way`.
         under_way: whether the last episode of `history` goes on.
@@ -222,16 +281,22 @@ class HistoryRecorder:
 
     def __init__(
         self,
-        robots: int,
+        scenario: Scenario,
         *,
         history: History | None = None,
         under_way: bool = False,
     ) -> None:
+        robots = len(scenario.robots)
+        self._scenario = scenario
         begun = blank_history(0, robots) if history is None else history
         self._rows = concatenated([begun, blank_history(FIRST_EPISODES, robots)])
         self._used = begun.episodes
         self._episode: int | None = None
         self._goes_on = under_way
+        self._factor = 1.0  # gamma^n after n steps of the episode
+        if under_way:
+            for _ in range(int(begun.length[-1])):
+                self._factor *= scenario.discount
 
     def add(
         self,
@@ -258,14 +323,24 @@ class HistoryRecorder:
         rows.length[last] += 1
         rows.miscoordinations[last] += outcome.miscoordination
         for k, action in enumerate(actions):
-            if action is not None:
-                rows.returns[last, k] += outcome.rewards[k].total
-                rows.asks[last, k] += action.asked
+            asked = action is not None and action.asked
+            rows.asks[last, k] += asked
+            rows.returns[last, k] += self._factor * self._paid(k, asked, outcome)
+        self._factor *= self._scenario.discount
         for k in outcome.arrived:
             rows.arrived[last, k] = True
 
+    def _paid(self, k: int, asked: bool, outcome: StepOutcome) -> float:
+        """Return R_k(t) with all that the goal pays from the arrival on."""
+        scenario = self._scenario
+        goal = scenario.arrival_value if k in outcome.arrived else 0.0
+        common = scenario.penalties[k] if outcome.miscoordination else 0.0
+        asking = -scenario.ask_cost if asked else 0.0
+        return goal + common + asking
+
     def _begin(self, step: int) -> None:
         """Begin the next row."""
+        self._factor = 1.0
         if self._used == self._rows.episodes:
             # Twice as many; they take memory as they are written to.
             more = blank_history(self._used, self._rows.robots)

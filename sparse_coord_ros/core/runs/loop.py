@@ -19,6 +19,7 @@ from sparse_coord_ros.core.game.rules import (
     Problem,
     episode_ends,
     led,
+    paid_for_ever,
     perceive,
     rewards_of,
     start_of,
@@ -159,7 +160,9 @@ def loop_of(learner: Any) -> Callable[..., None]:
         cells = run.cells
         before = run.before
         team = len(cells)
-        factor = 1.0  # gamma^n after n steps of a trial
+        factor = 1.0  # gamma^n after n steps of an episode
+        for _ in range(clock[STEP] - clock[EPISODE_START]):
+            factor *= problem.discount
         while clock[DONE] < budget and not task.full[0] and not stop[0]:
             if not clock[UNDER_WAY]:
                 if clock[EPISODES] == len(record.length):
@@ -219,13 +222,9 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 individual, common, asking = rewards_of(
                     problem, k, conflict, home, asked
                 )
-                if not task.learning:
-                    if home:
-                        individual = problem.goal_total
-                    reward = individual + common + asking
-                    record.returns[row, k] += factor * reward
-                elif acts:
-                    record.returns[row, k] += individual + common + asking
+                paid = paid_for_ever(problem, home, common, asking)
+                record.returns[row, k] += factor * paid
+                if task.learning and acts:
                     seen = run.seen[k]
                     seen_next = 0
                     if task.sees_all:

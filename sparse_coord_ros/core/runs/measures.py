@@ -100,7 +100,7 @@ class Measures:
         return len(self.returns)
 
     def __repr__(self) -> str:
-        """Return the means on one line, with standard errors in parentheses."""
+        """Return the means ± their standard errors on one line."""
         means = [f"{HEADINGS[name]} {self.in_words(name)}" for name in MEASURES]
         return f"<Measures: {self.how}; {', '.join(means)}>"
 
@@ -172,21 +172,21 @@ class Measures:
         return excess / error if error else math.inf
 
     def in_words(self, name: str) -> str:
-        """Return a mean, and in parentheses its standard error.
+        """Return a mean ± its standard error, as one cell of a table.
 
-        A mean without sampling error stands alone; a dash stands for the unknown error of a single
-        sample.
+        An exact value stands alone. "-" stands for the unknown error of a single sample.
         """
-        mean = self.mean(name)
+        if name == "arrived" and self.source == TRIALS and self.unit == TRIAL:
+            return f"{int(self.arrived.sum())} of {self.trials}"
+
+        def written(value: float) -> str:
+            return percent(value) if name == "arrived" else f"{value:.2f}"
+
+        mean = written(self.mean(name))
+        if self.source == EXACT and self.unit == TRIAL:
+            return mean
         error = self.error(name)
-        if name == "arrived":
-            if self.source == TRIALS and self.unit == TRIAL:
-                return f"{int(self.arrived.sum())} of {self.trials}"
-            return percent(mean) + (f" ({percent(error)})" if error else "")
-        text = f"{mean:.2f}"
-        if math.isnan(error):
-            return f"{text} (-)"
-        return f"{text} ({error:.2f})" if error else text
+        return f"{mean} ± {'-' if math.isnan(error) else written(error)}"
 
     def cells(self, *, optimum: float = math.inf) -> dict[str, str]:
         """Return the cells of a table's row, by the headings of their columns.
@@ -195,12 +195,17 @@ class Measures:
             optimum: the joint optimum or its bound. Where the return of trials exceeds it, its
                 cell says by how many standard errors.
         """
-        cells = {HEADINGS[one]: self.in_words(one) for one in MEASURES}
+        cells = {HEADINGS[name]: self.in_words(name) for name in MEASURES}
         above = self.errors_above(optimum)
         if above != 0.0:
             many = "" if math.isnan(above) else f"{above:.1f} s.e. "
             cells[HEADINGS["returns"]] += f", {many}above the optimum"
         return {**cells, "source": self.how}
+
+    def spreads(self) -> list[str]:
+        """Return the spreads of the first four measures, as cells of a table; "-": not known."""
+        values = [self.spread(name) for name in SPREAD]
+        return ["-" if math.isnan(value) else f"{value:.2f}" for value in values]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data of all rows together.
@@ -256,8 +261,11 @@ HEADINGS = {
 }
 """Column headings of tables."""
 
-ERRORS = "in parentheses: standard errors (s.e.)"
+ERRORS = "±: standard error (s.e.)"
 """What is said below a table of trials or runs."""
+
+SPREAD = ("returns", "time_to_goal", "miscoordinations", "asks")
+"""The measures whose spread a table can show."""
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -21,6 +21,8 @@ def repeating_command(run: RunConfig) -> str | None:
     shipped = _shipped(run.scenario)
     words = ["sparse_coord", "run" if run.tables else "train"]
     words.append(run.scenario.name if shipped else f"{run.scenario.name}.yaml")
+    if shipped:
+        words += _moved(run.scenario, shipped)
     words += ["--learner", run.learner, "--seed", str(run.seed)]
     if run.tables:
         words += ["--tables", run.tables]
@@ -35,10 +37,24 @@ def repeating_command(run: RunConfig) -> str | None:
     return shlex.join(words)
 
 
+def _moved(scenario: Scenario, shipped: Scenario) -> list[str]:
+    """Return the options for starts and goals that are not the shipped scenario's."""
+    words = []
+    for robot, known in zip(scenario.robots, shipped.robots, strict=True):
+        for option, cell, usual in (
+            ("--start", robot.start, known.start),
+            ("--goal", robot.goal, known.goal),
+        ):
+            if cell != usual:
+                row, column = scenario.map.cells[cell]
+                words += [option, f"{robot.name}={row},{column}"]
+    return words
+
+
 def _shipped(scenario: Scenario) -> Scenario | None:
-    """Return the scenario of this name, if it has the same map and robots."""
+    """Return the scenario of this name, if it has the same map and names of robots."""
     with suppress(SparseCoordError):
         known = load_scenario(scenario.name)
-        if (known.map, known.robots) == (scenario.map, scenario.robots):
+        if (known.map, known.names) == (scenario.map, scenario.names):
             return known
     return None

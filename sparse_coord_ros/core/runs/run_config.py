@@ -45,6 +45,7 @@ from sparse_coord_ros.core.learners.registry import (
 )
 
 RUN_FILE = "run.yaml"
+SUMMARY_FILE = "summary.yaml"
 CELLS = 250_000
 """Most free cells of a map to learn on."""
 
@@ -119,7 +120,7 @@ class RunConfig:
         False, "act on learned tables, without exploring or learning"
     )
     clock: str = setting(
-        OWN_CLOCK,
+        NO_CLOCK,
         "own: the world publishes /clock, step t at t * 0.1 s; none: it does not",
         choices=(OWN_CLOCK, NO_CLOCK),
     )

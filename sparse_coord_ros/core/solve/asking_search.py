@@ -11,7 +11,7 @@ where it was.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,9 @@ from sparse_coord_ros.base.errors import (
     ResultsError,
     SettingError,
     check_format,
-    check_function,
 )
 from sparse_coord_ros.base.files import path_argument, read_text, write_whole
+from sparse_coord_ros.base.progress import Show, shown
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.actions import MOVES, OUTCOMES, PRIMITIVES
 from sparse_coord_ros.core.game.grid import GridMap
@@ -74,9 +74,6 @@ DEVIATIONS = 5
 NO_TRIALS = np.zeros(0, dtype=np.int64)
 """For `climb`: no choice is changed."""
 
-Progress = Callable[[int, int, float], None]
-"""Called with restarts done, restarts to be done, and the best value so far."""
-
 
 def find_asking_team(
     scenario: ScenarioLike,
@@ -84,7 +81,7 @@ def find_asking_team(
     restarts: int = 20,
     seed: int = 0,
     file: str | Path | None = None,
-    progress: Progress = lambda done, of, best: None,
+    progress: Show = True,
 ) -> AskingTeam:
     """Search for the best team of two robots that has Algorithm 1's form.
 
@@ -96,7 +93,8 @@ def find_asking_team(
         restarts: how often the search begins anew.
         seed: of the search.
         file: a JSON file that stores the search, to continue it; None: no file.
-        progress: called after each restart with those done, all, and the best value so far.
+        progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
+            called after each restart with those done and all.
 
     Raises:
         SettingError: not two robots, or a bad value.
@@ -107,7 +105,7 @@ def find_asking_team(
     restarts = RESTARTS.parse(restarts)
     seed = RUN_SETTINGS["seed"].parse(seed)
     file = None if file is None else path_argument("file", file)
-    check_function("progress", progress)
+    told = shown(progress, "restarts")
     game = game_of(scenario)
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)
@@ -119,7 +117,7 @@ def find_asking_team(
         values.append(value)
         if file is not None:
             _keep(file, scenario, seed, values, _texts(game, found))
-        progress(len(values), restarts, max(values))
+        told(len(values), restarts)
     assert found is not None
     top = max(values)
     robots = _texts(game, found)

@@ -21,7 +21,7 @@ from sparse_coord_ros.base.errors import (
     message_of,
     retold,
 )
-from sparse_coord_ros.base.files import read_text, write_whole
+from sparse_coord_ros.base.files import read_text, refuse_stand_in, write_whole
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.base.yaml_text import parse_yaml, to_yaml
 from sparse_coord_ros.core.game.grid import (
@@ -358,6 +358,9 @@ def _pixels(path: Path) -> _Pixels:
     except (
         Exception
     ) as error:  # Pillow's decoders raise any exception for a broken file
+        if path.is_file():
+            with path.open("rb") as file:
+                refuse_stand_in(path, file.read(100), MapError)
         problem = message_of(error)[:200]
         if isinstance(error, UnidentifiedImageError):  # its text names a Python object
             problem = "its format is unknown"

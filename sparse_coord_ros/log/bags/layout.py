@@ -23,6 +23,14 @@ RESCUE = "'pymcap-cli recover --always-decode-chunk' (pip install pymcap-cli)"
 """What makes a whole bag of the readable parts of a damaged one; without the option it copies a
 damaged chunk as it is."""
 
+WANTED = "give a run's directory, its bag, or an .mcap file"
+
+CONVERT = (
+    "convert it: rosbags-convert --src DIRECTORY --dst NEW --dst-storage mcap "
+    "(pip install rosbags)"
+)
+"""What makes an MCAP bag of another one."""
+
 failing = partial(retold, BagError, OSError)
 """Turns an OSError into a BagError."""
 
@@ -145,7 +153,7 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
 
 def open_to_read(path: Path) -> BinaryIO:
     """Open a file; raises BagError if it cannot be read."""
-    with failing(f"cannot read {path}"):
+    with failing(f"cannot read {path}", f"; {WANTED}"):
         return path.open("rb")
 
 

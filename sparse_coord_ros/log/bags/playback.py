@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.log.bags.reader import Message
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 
 BURST = 100
 """Most messages of one call of `play`, so that the caller can do other work in between."""
@@ -25,6 +25,8 @@ class Playback:
         publish: called with each message.
         now_ns: a monotonic clock.
         on_time: called with the current log time, before each message of that time.
+        on_gap: called with the log times where a gap without messages begins and ends, when it is
+            jumped over; None: gaps are waited for.
         rate: seconds of the log a second.
         loop: begin again at the end.
         paused: begin paused.
@@ -40,6 +42,7 @@ class Playback:
     publish: Callable[[Message], None]
     now_ns: Callable[[], int]
     on_time: Callable[[int], None] = lambda _: None
+    on_gap: Callable[[int, int], None] | None = None
     rate: float = 1.0
     loop: bool = False
     paused: bool = False
@@ -108,6 +111,7 @@ class Playback:
             next_ns = self.playlist.next_ns
             if next_ns is None:
                 return self._end()
+            self._jump_to(next_ns)
             due = self._deadline(next_ns)
             wait = due - self.now_ns()
             if wait > 0:
@@ -117,6 +121,14 @@ class Playback:
             self._send(self.playlist.take())
             self.late_ns = max(self.late_ns or 0, self.now_ns() - due)
         return 0
+
+    def _jump_to(self, next_ns: int) -> None:
+        """Jump to the next message if it lies behind a gap."""
+        here_ns = self.position_ns
+        if self.on_gap is None or next_ns - here_ns <= self.playlist.longest_wait_ns:
+            return
+        self.on_gap(here_ns, next_ns)
+        self._go_on_from(next_ns)
 
     def _deadline(self, time_ns: int) -> int:
         return self._anchor_ns + round((time_ns - self._from_ns) / self.rate)

@@ -14,6 +14,11 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.reader import Bag, Message
+from sparse_coord_ros.protocol.wire.frame import SECOND
+
+LEAST_GAP = 5 * SECOND
+GAP_STEPS = 20
+"""A gap between two messages is longer than so many nanoseconds, and than so many usual steps."""
 
 
 class Playlist:
@@ -30,6 +35,7 @@ class Playlist:
         start_ns: log time of the first message.
         end_ns: log time of the last message.
         step_count: number of time steps.
+        longest_wait_ns: longest time between two messages that is no gap.
 
     Raises:
         BagError: these topics have no message.
@@ -65,6 +71,10 @@ class Playlist:
         self.start_ns = int(self._times[0])
         self.end_ns = int(self._times[-1])
         self.step_count = len(self._ticks)
+        self.longest_wait_ns = LEAST_GAP
+        if self.step_count > 1:
+            usual_ns = int(np.median(np.diff(self._ticks)))
+            self.longest_wait_ns = max(LEAST_GAP, GAP_STEPS * usual_ns)
         self._stream: Iterator[tuple[int, Message]] = iter(())
         self._waiting: dict[int, Message] = {}
         self._next = 0

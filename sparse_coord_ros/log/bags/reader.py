@@ -13,7 +13,13 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.core.runs.run_config import RUN_FILE
 from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
-from sparse_coord_ros.log.bags.layout import PARTIAL, RESCUE, being_recorded, failing
+from sparse_coord_ros.log.bags.layout import (
+    CONVERT,
+    PARTIAL,
+    RESCUE,
+    being_recorded,
+    failing,
+)
 from sparse_coord_ros.log.bags.records import MESSAGE
 from sparse_coord_ros.log.bags.topics import BagTopic
 from sparse_coord_ros.protocol.wire import CLOCK
@@ -349,6 +355,11 @@ def bag_files(path: Path) -> list[Path]:
             f"{path} holds a run without a bag; 'sparse_coord run' records one, 'train' and "
             "--no-record do not"
         )
+    for other in sorted(path.glob("*")):
+        if other.suffix in (".db3", ".bag", ".zstd"):
+            raise BagError(
+                f"{path} is a bag of another format ({other.name}); {CONVERT}"
+            )
     remedy = "give a bag's directory or its file"
     raise BagError(f"{path} is not a bag: it has no .mcap file; {remedy}")
 

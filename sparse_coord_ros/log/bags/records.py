@@ -17,10 +17,16 @@ from mcap.records import Chunk
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
 from sparse_coord_ros.base.errors import BagError, message_of, retold
-from sparse_coord_ros.log.bags.layout import open_to_read
+from sparse_coord_ros.base.files import refuse_stand_in
+from sparse_coord_ros.log.bags.layout import CONVERT, WANTED, open_to_read
 from sparse_coord_ros.protocol.wire.cdr import rows_at
 
 MAGIC = b"\x89MCAP0\r\n"
+OTHER_BAGS = (b"SQLite format 3\0", b"#ROSBAG V")
+"""The first bytes of bags that are not read: ROS 2's .db3, and ROS 1's."""
+
+LONGEST_SIGN = 64
+"""Bytes that say what a file is."""
 HEAD = struct.Struct("<BQ")
 """The head of every record: opcode and length of the body."""
 MESSAGE = struct.Struct("<HIQQ")
@@ -93,9 +99,14 @@ class Source:
         self._descriptor = file.fileno()
         self.close = weakref.finalize(self, file.close)
         with retold(BagError, Damage, f"cannot read {path}"):
-            begin = self.read(0, min(self.size, len(MAGIC)))
-        if begin != MAGIC:
-            raise BagError(f"{path} is not an MCAP file: it does not start as one")
+            begin = self.read(0, min(self.size, LONGEST_SIGN))
+        if not begin.startswith(MAGIC):
+            refuse_stand_in(path, begin, BagError)
+            if begin.startswith(OTHER_BAGS):
+                raise BagError(f"{path} is a bag of another format; {CONVERT}")
+            raise BagError(
+                f"{path} is not an MCAP file: it does not start as one; {WANTED}"
+            )
 
     @property
     def size(self) -> int:

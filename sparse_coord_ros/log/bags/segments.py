@@ -14,7 +14,7 @@ import numpy as np
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.bags.reader import Bag, Message
 from sparse_coord_ros.protocol.wire import LOCAL_STATE, RUN
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 
 NO_BEGIN = -1
 """In place of a segment's first time step: it supersedes nothing."""

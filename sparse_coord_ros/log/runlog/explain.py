@@ -14,7 +14,6 @@ from sparse_coord_ros.core.learners.mind import Memory, memory_before
 from sparse_coord_ros.core.learners.rules import greedy
 from sparse_coord_ros.core.learners.voi import Voi, by_policy
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.log.runlog.dialogue import Request
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.percepts import percept_end
 from sparse_coord_ros.log.runlog.replay import (
@@ -32,19 +31,24 @@ class Update(NamedTuple):
         next_cell: the cell after its action.
         reward: R_k(t).
         star: entry (cell, action) of Q*, its value before and after.
-        coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
+        coord: entry (own cell, peers' cells, move) of Q^C, before and after; or None.
+        later: row (own cell, peers' cells) of Q^C, before and after the next step: robots of
+            `voi` learn then, when they know where their peers went; or None.
     """
 
     next_cell: int
     reward: float
     star: tuple[tuple[int, ...], float, float]
     coord: tuple[tuple[int, ...], float, float] | None
+    later: tuple[tuple[int, ...], list[float], list[float]] | None
 
 
 class Reason(NamedTuple):
     """The reason for the move of a robot that asked.
 
     Attributes:
+        star: the row of Q* by which it asked.
+        alone: U of a robot of `voi`: the values of the moves if it meets nobody; else None.
         values: the values by which COORDINATE chose a move: those of Q^C at the joint state,
             after a failed percept those of Q* at its cell; or what the learner made of them.
         move: their greedy move.
@@ -53,6 +57,8 @@ class Reason(NamedTuple):
         impatient: whether it waits in vain: waiting has lost value.
     """
 
+    star: tuple[float, ...]
+    alone: tuple[float, ...] | None
     values: tuple[float, ...]
     move: int
     by_policy: bool
@@ -67,7 +73,6 @@ class Coordination(NamedTuple):
         robot: the robot's number.
         cell: the robot's cell.
         peers: the peers to ask.
-        requests: its requests, in order, with the answers and the wall clock.
         outcome: the end of the percept, in the words of `wire.PerceptEnd`.
         perceived: the cells that it perceived; None: the percept failed.
         move: the primitive action after COORDINATE.
@@ -83,7 +88,6 @@ class Coordination(NamedTuple):
     robot: int
     cell: int
     peers: tuple[int, ...]
-    requests: tuple[Request, ...]
     outcome: str
     perceived: tuple[int, ...] | None
     move: int
@@ -152,13 +156,12 @@ def _logged(
     """Return a COORDINATE as logged, without values and update."""
     step = int(trajectory.step[place])
     row = trajectory.row[place]
-    asked = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
     where = int(trajectory.cell[place])
     peers = tuple(trajectory.peers[place].tolist())
     end = percept_end(log.ended[row, robot])
     perceived = trajectory.perceived_at(place)
     move = int(log.move[row, robot])
-    return Coordination(step, robot, where, peers, asked, end, perceived, move)
+    return Coordination(step, robot, where, peers, end, perceived, move)
 
 
 def _replayed(
@@ -167,30 +170,61 @@ def _replayed(
     """Replay a robot up to its COORDINATE and over it; return it with values and update."""
     agent = replay.agent
     cell = one.cell
-    perceived = one.perceived
     agrees = replay.advance(place)
-    entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
-    entries += [] if perceived is None else [(cell, *perceived, one.move)]
-
-    def learned() -> list[float]:
-        found = [agent.values(cell)[COORDINATE]]
-        if perceived is not None:
-            found.append(agent.values_asking(cell, perceived)[one.move])
-        return found
-
-    before = learned()
-    reason = reason_of(replay, one.step, cell, perceived)
+    reason = reason_of(replay, one.step, cell, one.perceived)
+    known = _known(log, trajectory, place)
+    star = agent.values(cell)[COORDINATE]
+    row = agent.values_asking(cell, known)
     if not agrees or not replay.advance(place + 1):
         move = one.move if replay.other is None else replay.other.move
         return one._replace(move=move, reason=reason._replace(move=move), agrees=False)
     one = one._replace(reason=reason)
     if not trajectory.learned[place]:
         return one
-    star, *coord = zip(entries, before, learned(), strict=True)
-    reward = float(log.reward[trajectory.row[place], one.robot, -1])
-    led = int(trajectory.next_cell[place])
-    update = Update(led, reward, star, coord[0] if coord else None)
+    coord = later = None
+    if _is_voi(agent.learner):
+        learned = _a_step_later(log, trajectory, replay, place, known)
+        if learned is not None:
+            later = (cell, *(known or ())), row, learned
+    elif known is not None:
+        learned = agent.values_asking(cell, known)
+        coord = (cell, *known, one.move), row[one.move], learned[one.move]
+    update = Update(
+        next_cell=int(trajectory.next_cell[place]),
+        reward=float(log.reward[trajectory.row[place], one.robot, -1]),
+        star=((cell, COORDINATE), star, agent.values(cell)[COORDINATE]),
+        coord=coord,
+        later=later,
+    )
     return one._replace(update=update)
+
+
+def _known(log: RunLog, trajectory: Trajectory, place: int) -> tuple[int, ...] | None:
+    """Return the peers' cells from which a robot learns; None: it knows none."""
+    if not log.run.sees_all:
+        return trajectory.perceived_at(place)
+    cells = log.cells[trajectory.row[place]]
+    return tuple(cells[trajectory.peers[place]].tolist())
+
+
+def _a_step_later(
+    log: RunLog,
+    trajectory: Trajectory,
+    replay: Replay,
+    place: int,
+    known: tuple[int, ...] | None,
+) -> list[float] | None:
+    """Return the row of Q^C of an action after the next step; None: it did not learn from that."""
+    step = int(trajectory.step[place])
+    follows = step + 1 in trajectory.step[place + 1 : place + 2]
+    if not (follows and trajectory.learned[place + 1]):
+        return None
+    agent = agent_with(log, replay.agent.number, replay.agent.memory())
+    ahead = Replay(log, trajectory, agent)
+    ahead.reached = place + 1
+    if not ahead.advance(place + 2):
+        return None
+    return agent.values_asking(int(trajectory.cell[place]), known)
 
 
 def reason_of(
@@ -216,7 +250,22 @@ def reason_of(
         impatient = _moves_as_voi(agent.learner) and values != agent.values_at_last
         values = agent.values_at_last
     move = greedy(values, PRIMITIVES, key, step, MOVE_TIE)
-    return Reason(tuple(values), move, of_policy != COORDINATE, impatient)
+    alone = None
+    if _is_voi(agent.learner):
+        alone = tuple(agent.mind.u[agent.number, cell].tolist())
+    return Reason(
+        star=tuple(agent.values(cell)),
+        alone=alone,
+        values=tuple(values),
+        move=move,
+        by_policy=of_policy != COORDINATE,
+        impatient=impatient,
+    )
+
+
+def _is_voi(learner: Learner) -> bool:
+    """Return whether robots learn as those of `voi` do."""
+    return learner.learn is Voi.learn
 
 
 def _moves_as_voi(learner: Learner) -> bool:
@@ -281,9 +330,12 @@ def move_in_words(
     """
     if cell is None:
         return f"goes {ACTIONS[move]}"
-    row = f"Q*[{cell}]"
     if perceived is not None:
-        row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
+        row = _joint(cell, perceived)
+    elif run.known_rule is not None and _is_voi(run.known_rule):
+        row = _joint(cell, None)
+    else:
+        row = f"Q*[{cell}]"
     if reason is not None and reason.by_policy:
         return f"goes {ACTIONS[move]} by its policy, not by {row}"
     if reason is not None and reason.move != move:
@@ -292,8 +344,15 @@ def move_in_words(
     return f"goes {ACTIONS[move]} by {row}"
 
 
+def _joint(cell: int, known: Sequence[int] | None) -> str:
+    """Return the name of a row of Q^C: the own cell, and the peers' cells, if they are known."""
+    if known is None:
+        return f"Q^C[{cell}, no answer]"
+    return f"Q^C[{', '.join(map(str, (cell, *known)))}]"
+
+
 def row_in_words(values: Iterable[float]) -> str:
-    """Return the values of the moves, with their names."""
+    """Return the values of actions, with their names."""
     return ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, values, strict=False))
 
 
@@ -307,6 +366,10 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     yield f"time step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
     if one.doubt is not None and one.reason is not None:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
+    if one.reason is not None:
+        yield f"  Q*[{one.cell}]: {row_in_words(one.reason.star)}"
+    if one.reason is not None and one.reason.alone is not None:
+        yield f"  U[{one.cell}], alone: {row_in_words(one.reason.alone)}"
     yield from _question(log, one)
     yield from _move(log, one)
     if one.reason is not None:
@@ -315,11 +378,8 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
 
 def _question(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of the question, and of the percept that came of it."""
-    if not one.requests:
-        peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
-        yield f"  was to ask {peers}; no request is in the log"
-    for request in one.requests:
-        yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
+    peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
+    yield f"  asks {peers}"
     if one.perceived is None:
         yield f"  perceives nothing ({one.outcome})"
     else:
@@ -344,27 +404,6 @@ def _move(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  {move}" + ("" if one.doubt is None else f"; {one.doubt}")
 
 
-def _answer(log: RunLog, one: Coordination, request: Request) -> str:
-    if request.answer is None:
-        return "no answer is in the log"
-    step, position = request.answer
-    if step != one.step:
-        said = (
-            "not there yet (at" if step < one.step else "has gone on (to"
-        ) + f" time step {step})"
-    elif position is None:
-        said = "refused"
-    elif (cell := log.frame.cell(*position)) is None:
-        said = f"answers {position}, which is no free cell"
-    else:
-        said = f"answers {cell_in_words(log.run, cell)}"
-    return (
-        said
-        if request.seconds is None
-        else f"{said}, after {request.seconds * 1e3:.3f} ms"
-    )
-
-
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
     update = one.update
     if update is None and not log.run.greedy:
@@ -380,3 +419,8 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
             continue
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
+    if update.later is not None:
+        (cell, *known), row, learned = update.later
+        yield f"  a step later, when it knows what came of it, {_joint(cell, known or None)}:"
+        for name, old, new in zip(ACTIONS, row, learned, strict=False):
+            yield f"    {name} {old!r} -> {new!r}"

@@ -27,8 +27,7 @@ from sparse_coord_ros.log.runlog.run_messages import (
     read_messages,
 )
 from sparse_coord_ros.protocol.wire import ACTION, PERCEPT, REWARD
-from sparse_coord_ros.protocol.wire.frame import MOVE_OF, Frame
-from sparse_coord_ros.protocol.wire.messages import action_from
+from sparse_coord_ros.protocol.wire.messages import MOVE_OF, Messages, action_from
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +61,6 @@ class RunLog:
             float64.
         tables: by (robot's number, time step); of several of a time step the last.
         all_tables: all recorded tables, in the order of the log.
-        requests: the dialogue, in the order of time steps.
         messages: the given messages, with their problems.
         frame: converts the run's time steps and metres.
     """
@@ -72,9 +70,8 @@ class RunLog:
         self.bag = messages.bag
         self.run = messages.run
         self.names = messages.names
-        self.frame = Frame(self.run)
+        self.frame = Messages(self.run)
         self.all_tables = tuple(messages.tables)
-        self.requests = tuple(messages.requests)
         self.step = self._recorded_steps()
         self.episode = np.cumsum(np.diff(self.step, prepend=self.step[:1]) > 1)
         self.position = self._filled(messages.states, "xy", 2)
@@ -224,8 +221,7 @@ class RunLog:
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray)
         }
-        requests = tuple(one for one in self.requests if first <= one.step <= last)
-        return self.with_changes(**arrays, requests=requests)
+        return self.with_changes(**arrays)
 
     def with_changes(self, **changes: object) -> "RunLog":
         """Return the same log with some attributes changed."""
@@ -295,12 +291,23 @@ class RunLog:
             np.add.at(sums, episode, values[made])
             return sums
 
+        asked = self.asked & rewarded
+        arrives = rewarded & (after == goals)
+        paid = np.where(arrives, scenario.arrival_value, 0.0)
+        paid += np.where(conflicts[:, None], scenario.penalties, 0.0)
+        paid += np.where(asked, -scenario.ask_cost, 0.0)
+        elapsed = np.zeros(len(self.step), dtype=np.int64)
+        elapsed[made] = self.step[made] - self.step[first][episode]
+        powers = np.full(elapsed.max(initial=0) + 1, scenario.discount)
+        powers[0] = 1.0
+        factors = np.cumprod(powers)  # one by one, as everywhere: the same bits
+
         return History(
             first_step=self.step[first],
             length=total(made.astype(np.int64)),
-            returns=total(np.where(rewarded, self.reward[..., -1], 0.0)),
+            returns=total(factors[elapsed][:, None] * paid),
             miscoordinations=total(conflicts.astype(np.int64)),
-            asks=total((self.asked & rewarded).astype(np.int64)),
+            asks=total(asked.astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,
             present=np.ones((len(found), len(self.names)), dtype=bool),
         )
@@ -311,7 +318,7 @@ class RunLog:
         return np.unique(self.episode[np.concatenate([lost, lost + 1])])
 
 
-def cell_numbers(frame: Frame, places: np.ndarray) -> np.ndarray:
+def cell_numbers(frame: Messages, places: np.ndarray) -> np.ndarray:
     """Return the cells of positions.
 
     Args:

@@ -11,13 +11,10 @@ from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.reader import Bag, open_bag
 from sparse_coord_ros.log.runlog.bag_run import BagRun, find_run
 from sparse_coord_ros.log.runlog.columns import Columns, Forms, Only, Reading
-from sparse_coord_ros.log.runlog.dialogue import put_together
 from sparse_coord_ros.log.runlog.difference import Difference
 from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables, recorded_tables
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RunState, messages
-from sparse_coord_ros.protocol.wire.events import event_form
-from sparse_coord_ros.protocol.wire.frame import Frame
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
 
 COMPARED = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT)
@@ -54,7 +51,6 @@ class RunMessages:
             positions `places`, the own one first.
         coordination_maps: time steps and rows of each robot's maps, with the grid's `data`.
         statuses: the world's statuses, in the order of the log.
-        requests: the dialogue.
         tables: the robots' tables.
         problems: unreadable messages and tables, and messages of a time step that contradict each
             other.
@@ -68,7 +64,7 @@ class RunMessages:
         self.tables: list[RecordedTables] = []
         self.problems: list[Difference] = []
         self._prefix = found.prefix
-        self._period = Frame(self.run).period
+        self._period = messages.Messages(self.run).period
         columns = Columns(bag, self._forms(), only)
         self._files = columns.rows
         self._note_unreadable(columns)
@@ -79,8 +75,6 @@ class RunMessages:
         self.percepts = [self._series(wire.PERCEPT, k) for k in robots]
         self.coordination_maps = [self._maps(k) for k in robots]
         self.statuses = self._statuses()
-        events = [self._chained(wire.SERVICE_EVENTS, k) for k in robots]
-        self.requests = put_together(events, self._period)
 
     def _forms(self) -> Forms:
         """Return the run's topics by their full names, each with its `Reading`."""
@@ -89,8 +83,7 @@ class RunMessages:
             wire.REWARD: messages.REWARD_FORM,
             wire.ACTION: messages.ACTION_FORM,
             wire.PERCEPT: messages.percept_form(len(self.names)),
-            wire.COORDINATION_MAP: messages.grid_form(Frame(self.run)),
-            wire.SERVICE_EVENTS: event_form(self.names),
+            wire.COORDINATION_MAP: messages.grid_form(self.run),
         }
         found: dict[str, tuple[wire.Topic, Reading]] = {}
         for topic, form in of_robot.items():

@@ -9,7 +9,7 @@ the log, or code may not be imported. The first finding ends the computation.
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,10 @@ LEFT_OUT = "robots' steps that the world made without their action"
 RESETS = "episodes that began early (reset, or no robot left)"
 UNLEARNED = "transitions from which a robot did not learn"
 """Names of the notes."""
+
+
+TOLD_EVERY = 500
+"""Time steps between two calls that say how far the computation is."""
 
 
 @dataclass(frozen=True)
@@ -62,18 +66,21 @@ class Verification:
         return self.difference or self.undecided
 
 
-def verify(path: Path) -> Verification:
+def verify(
+    path: Path, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Verification:
     """Compute a recorded run again from its seed and its log, and compare.
 
     Args:
         path: as in `read_run`.
+        progress: called with the time steps done and those of the log, now and then.
 
     Raises:
         BagError: the bag cannot be read, contains no run, or has another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     comparison = _Comparison(read_run(path))
-    found = next(comparison.findings(), None) or comparison.left_out
+    found = next(comparison.findings(progress), None) or comparison.left_out
     if isinstance(found, Difference):
         found = comparison.doubted(found)
     world = comparison.world
@@ -134,7 +141,7 @@ class _Comparison:
             self._leave_out(why)
         return why is None
 
-    def findings(self) -> Iterator[Finding]:
+    def findings(self, progress: Callable[[int, int], None]) -> Iterator[Finding]:
         """Yield differences, and where the run is undecided; only the first one is valid."""
         log = self.log
         problems = deque(sorted(log.problems, key=lambda one: one.step))
@@ -142,7 +149,10 @@ class _Comparison:
             yield problems.popleft()
         for agent in self.agents:
             yield from agent.begin()
-        for step in self.world.steps:
+        steps = self.world.steps
+        for done, step in enumerate(steps):
+            if done % TOLD_EVERY == 0:
+                progress(done, len(steps))
             while problems and problems[0].step <= step:
                 yield problems.popleft()
             yield from self.world.arrive(step)

@@ -22,7 +22,7 @@ from sparse_coord_ros.log.runlog.recorded_tables import (
 )
 from sparse_coord_ros.log.runlog.run_messages import RunMessages
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire.frame import Frame
+from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.protocol.wire.tables import SavedTables
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
@@ -107,7 +107,7 @@ class LongLog:
             self.bag.close()
             raise
         self.run: RunConfig = self._source.run
-        self.period = Frame(self.run).period
+        self.period = Messages(self.run).period
         self._ends = segments.ends(segments.begins(self.bag))
         self._known: list[dict[int, SavedTables]] = []
         self._known_size = -1

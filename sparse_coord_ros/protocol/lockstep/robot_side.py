@@ -89,6 +89,7 @@ class RobotSide:
         port: the robot's actions on its surroundings.
 
     Attributes:
+        run: the run.
         newest: the last local state received, as (step, cell); step 0 before the first.
         asks: numbers of its percepts by their ends: "answered" (by every asked peer), "refused"
             (by one of them), "late" (no answer by the deadline); and the number of requests that
@@ -99,6 +100,7 @@ class RobotSide:
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
+        self.run = run
         self.newest = (NO_STEP, -1)
         self._asks_before: tuple[int, ...] = ()
         self._port = port
@@ -154,7 +156,8 @@ class RobotSide:
 
     def state(self, step: int, cell: int) -> None:
         """Process the robot's own local state X_k of a time step."""
-        self._note(self.agent.number, step, cell)
+        if self._sees_all:
+            self._note(self.agent.number, step, cell)
         if step <= self.newest[0]:
             self._repeat(step, cell)
             return
@@ -281,16 +284,12 @@ class RobotSide:
         while self._states:
             step, cell = self._states[0]
             before = self._handled
-            choice = self._choice
-            if choice is not None and step == before + 1:
-                if self._reward is None or not self._knows_all(step):
+            if self._choice is not None and step == before + 1:
+                if self._reward is None:
                     return
-                team = None
-                if self._sees_all:
-                    team = (self._all_cells(before), self._all_cells(step))
-                self.agent.learn(before, choice, self._reward, cell, team)
-                self._learned_last = self.agent.learning
-                self.learned += self.agent.learning
+                if self._sees_all and self._lacks_cells(step):
+                    return
+                self._learn(self._choice, self._reward, step, cell)
             self._choice = self._reward = None
             self._states.popleft()
             if step == before + 1:
@@ -300,16 +299,25 @@ class RobotSide:
                 self._port.episode(step)
             self._handled = step
             self._cell = cell
+            every = self._checkpoint
+            if every and 0 <= before // every < step // every:
+                self._port.checkpoint(step)
+            if self._states:
+                continue  # the world has gone on
+            if not self._rests(step, cell):
+                self._choose_when_due()
+
+    def _learn(self, choice: Choice, reward: Reward, step: int, cell: int) -> None:
+        """Learn from the transition to a state."""
+        before = self._handled
+        team = None
+        if self._sees_all:
+            team = (self._all_cells(before), self._all_cells(step))
             for old in [one for one in self._cells_at if one < step]:
                 del self._cells_at[old]
-            if (
-                self._checkpoint
-                and before // self._checkpoint < step // self._checkpoint
-            ):
-                if before != BEFORE_ANY_STEP:
-                    self._port.checkpoint(step)
-            if not self._states and not self._rests(step, cell):
-                self._choose_when_due()
+        self.agent.learn(before, choice, reward, cell, team)
+        self._learned_last = self.agent.learning
+        self.learned += self.agent.learning
 
     def _repeat(self, step: int, cell: int) -> None:
         """The world repeats a state because the action is missing: repeat it, or choose it."""
@@ -320,12 +328,12 @@ class RobotSide:
 
     def _note(self, robot: int, step: int, cell: int) -> None:
         """Note the cell of a robot at a time step."""
-        if self._sees_all and step >= self._handled:
+        if step >= self._handled:
             self._cells_at.setdefault(step, {})[robot] = cell
 
-    def _knows_all(self, step: int) -> bool:
-        """Return whether it knows all cells of a time step from which it learns."""
-        return not self._sees_all or len(self._cells_at.get(step, ())) == self._robots
+    def _lacks_cells(self, step: int) -> bool:
+        """Return whether it does not know yet all cells of a time step from which it learns."""
+        return len(self._cells_at.get(step, ())) < self._robots
 
     def _all_cells(self, step: int) -> tuple[int, ...]:
         """Return the cells of all robots at a time step."""
@@ -343,7 +351,7 @@ class RobotSide:
 
     def _choose_when_due(self) -> None:
         """Choose an action; before it, all cells from which it will learn must be known."""
-        self._due = not self._knows_all(self._handled)
+        self._due = self._sees_all and self._lacks_cells(self._handled)
         if not self._due:
             self._choose()
 

@@ -25,9 +25,6 @@ class WorldPort(Protocol):
     def reward(self, robot: int, step: int, reward: Reward) -> None:
         """Publish the reward of a robot's action at a time step."""
 
-    def episode(self, step: int) -> None:
-        """An episode begins at a time step, whose states follow."""
-
     def checkpoint(self, step: int) -> None:
         """Save: the robots do so too, when they have processed their states of this step."""
 
@@ -81,10 +78,9 @@ class WorldSide:
         self.timeouts = self.left_out = self.stale = 0
         self.began: str = StartReason.START
         self.absent: set[int] = set()
-        self.history = HistoryRecorder(len(run.scenario.robots))
+        self.history = HistoryRecorder(run.scenario)
         self.watcher: Callable[[TeamTransition], None] | None = None
         self.held = False
-        self._begins = True
         self._port = port
         self._budget = run.scenario.steps
         self._checkpoint = run.checkpoint
@@ -100,9 +96,7 @@ class WorldSide:
     @property
     def complete(self) -> bool:
         """True if the barrier is open: all awaited robots have acted."""
-        return not self.missing() and any(
-            action is not None for action in self._actions
-        )
+        return not self._awaited and self._acted > 0
 
     @property
     def actions(self) -> tuple[Action | None, ...]:
@@ -111,19 +105,11 @@ class WorldSide:
 
     def missing(self) -> list[int]:
         """Return the robots whose actions the world waits for."""
-        return [
-            k
-            for k in self._robots
-            if self._actions[k] is None
-            and not self.world.arrived[k]
-            and k not in self.absent
-        ]
+        return sorted(self._awaited)
 
     def start(self) -> None:
         """Publish the first joint state, also the first one after `go_on_from`."""
         self.held = False
-        if self._begins:
-            self._port.episode(self.world.step)
         self._publish_states()
 
     def snapshot(self, step: int | None = None) -> WorldState:
@@ -150,19 +136,19 @@ class WorldSide:
         world.episode, world.miscoordinations, *own = state.counts
         self.timeouts, self.left_out, self.stale = own
         under_way = state.position.under_way
-        robots = len(self._robots)
         self.history = HistoryRecorder(
-            robots, history=state.history, under_way=under_way
+            world.scenario, history=state.history, under_way=under_way
         )
         self.held = True
-        self._begins = not under_way
         self._begin_step()
 
     def action(self, robot: int, step: int, action: Action) -> bool:
         """Process a robot's action; return whether the barrier is now open."""
         if self.held:
             return False
-        self.absent.discard(robot)
+        if robot in self.absent:
+            self.absent.remove(robot)
+            self._await_robots()
         if (
             step != self.world.step
             or self._actions[robot] is not None
@@ -172,6 +158,8 @@ class WorldSide:
             self.stale += 1
             return False
         self._actions[robot] = action
+        self._acted += 1
+        self._awaited.discard(robot)
         return self.complete
 
     def advance(self) -> None:
@@ -207,6 +195,17 @@ class WorldSide:
         """Drop the actions of the last time step, and the rewards that were published with it."""
         self._actions: list[Action | None] = [None] * len(self._robots)
         self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
+        self._acted = 0
+        self._await_robots()
+
+    def _await_robots(self) -> None:
+        """Note the robots whose actions the world waits for."""
+        arrived = self.world.arrived
+        self._awaited = {
+            k
+            for k in self._robots
+            if self._actions[k] is None and not arrived[k] and k not in self.absent
+        }
 
     def new_episode(self, began: str = StartReason.RESET) -> None:
         """Start an episode, for a reason; actions that wait at the barrier are dropped."""
@@ -216,9 +215,8 @@ class WorldSide:
 
     def _begin_episode(self, began: str) -> None:
         self.began = began
-        self._begin_step()
         self.world.begin_episode()
-        self._port.episode(self.world.step)
+        self._begin_step()
         self._publish_states()
 
     def expire(self) -> list[int]:
@@ -232,6 +230,7 @@ class WorldSide:
             return []
         self.timeouts += len(missing)
         self.absent.update(missing)
+        self._awaited.clear()
         if self.complete:
             self.advance()
         else:

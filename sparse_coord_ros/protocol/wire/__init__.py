@@ -14,7 +14,6 @@ from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
 from sparse_coord_ros.base import palette
-from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
 
 
 class Owner(StrEnum):
@@ -153,15 +152,20 @@ _PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 RUN = Topic("run", _STRING, TEAM, _LATCHED)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("clock", _CLOCK, TEAM, _STEP, packed=True)
-"""Outside any namespace this is /clock, which nodes with `use_sim_time` follow. In a run whose
-`clock` is none the topic is `HIDDEN_CLOCK`: the log needs it, and /clock belongs to others."""
+"""Of a run whose `clock` is own. Outside any namespace this is /clock, which nodes with
+`use_sim_time` follow."""
 
-HIDDEN_CLOCK = "_clock"
+WORLD = "world_simulator"
+RECORDER = "recorder"
+"""Roles, and the names of their nodes unless they are renamed. The world is the node that
+announces `run`, a recorder a node that publishes `_recording`; a robot's node has the robot's
+name."""
 
-MAP = Topic("map", _GRID, TEAM, _LATCHED, packed=True)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, packed=True)
-SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED)
-"""For people only: names of robots, questions, robots in doorways."""
+MAP = Topic(f"{WORLD}/map", _GRID, TEAM, _LATCHED, packed=True)
+MARKERS = Topic(f"{WORLD}/markers", _MARKERS, TEAM, _LATCHED)
+SCENE = Topic(f"{WORLD}/scene", _MARKERS, TEAM, _LATCHED, recorded=False)
+"""For people only: doorways and goals; robots with their names, questions, robots in doorways.
+They lie below the world's name, as the robots' network may have a /map and a /markers."""
 
 DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT)
 """Absolute, by REP 107, so that an aggregator receives every team; drivers and other teams publish
@@ -178,20 +182,13 @@ ACTION = Topic(
     packed=True,
     labels=(*ACTION_LABELS, *SelfReport._fields),
 )
-PERCEPT = Topic("percept", _PATH, ROBOT, _STEP)
+PERCEPT = Topic("percept", _PATH, ROBOT, _STEP, packed=True)
 COORDINATION_MAP = Topic(*("coordination_map", _GRID, ROBOT, _LATCHED), packed=True)
 PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED, recorded=False)
 """A report of a robot or the recorder on its checkpoints, and on the attempt that it has begun."""
 
 TABLES = Topic("tables", _BYTES, ROBOT, _TABLES)
 """A robot's tables, as the bytes of an .npz file."""
-
-_EVENTS = (
-    f"{ACTIVE_PERCEPTION.name}/_service_event",
-    f"{ACTIVE_PERCEPTION.type_name}_Event",
-)
-SERVICE_EVENTS = Topic(*_EVENTS, ROBOT, _STEP)
-"""The events of rclpy on the requests to a robot and its answers."""
 
 RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
 """The directory of a recorder's bag."""
@@ -222,12 +219,6 @@ PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All topics, in the order above."""
-
-WORLD = "world_simulator"
-RECORDER = "recorder"
-"""Roles, and the names of their nodes unless they are renamed. The world is the node that
-announces `run`, a recorder a node that publishes `_recording`; a robot's node has the robot's
-name."""
 
 MAP_FRAME = "map"
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a run, packed and read by the vocabulary, without ROS.
 
-A `MessageForm` has the byte layouts of a topic's messages, and the rows read from them. The nodes
-pack and read single messages by it (`Messages`), the log many at once, by columns.
+A `MessageForm` has the byte layouts of a topic's messages, and the rows read from them. `Messages`
+packs and reads single messages by it; the log reads many at once, by columns.
 An error's text continues a sentence about the message, such as "has no number labelled total".
 """
 
@@ -12,13 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.base.palette import DOORWAY_COLOUR, rgb, robot_colour
-from sparse_coord_ros.core.game.scenario import Scenario
+from sparse_coord_ros.core.game.actions import DIRECTIONS
+from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.world import Action, Reward
+from sparse_coord_ros.core.learners.rules import asks_surely
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.cdr import (
@@ -31,8 +32,19 @@ from sparse_coord_ros.protocol.wire.cdr import (
     place_at,
     stamp,
 )
-from sparse_coord_ros.protocol.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Frame
-from sparse_coord_ros.protocol.wire.occupancy import OccupancyData
+
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+
+EAST_NORTH = [(float(column), float(-row)) for row, column in DIRECTIONS]
+"""The primitive actions as unit vectors (x east, y north: REP-103) along the map's axes."""
+
+MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
+
+UNKNOWN = -1
+EMPTY = 0
+OCCUPIED = 100
+"""The values of an occupancy grid."""
 
 STAMPED = struct.Struct("<4xiI")
 """Beginning of a message with a leading stamp, as CDR: encapsulation, sec, nanosec."""
@@ -213,67 +225,22 @@ def percept_form(robots: int) -> MessageForm:
     )
 
 
-def grid_form(frame: Frame) -> MessageForm:
-    """Return the form of an occupancy grid on the map: its `data`, southmost first."""
-    rows, columns = frame.grid.shape
+def grid_form(run: RunConfig) -> MessageForm:
+    """Return the form of an occupancy grid on a run's map: its `data`, southmost first."""
+    grid = run.scenario.map
+    rows, columns = grid.shape
     count = rows * columns
-    size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
+    size = [Fixed("<f4", run.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
     data = Free("data", f"({count},)i1")
     items = [
         *nothing("<i4", "<u4"),
         *size,
-        *place_at(*frame.origin),
+        *place_at(*grid.origin),
         Fixed("<u4", count),
         data,
     ]
     row = np.dtype([NS, ("data", "i1", (count,))])
     return MessageForm(row, [(Layout([*header(), *items]), by_name)])
-
-
-CUBE = 1
-SPHERE = 2
-CYLINDER = 3
-SHOW = 0
-"""Shapes and actions of visualization_msgs/Marker."""
-
-
-def markers_layout(frame: Frame, scenario: Scenario) -> Layout:
-    """Return the layout of the markers: doorways, then each robot's goal and itself.
-
-    The map is dark where walls are; the scene's boxes stand on the doorways' plates.
-    """
-    # Namespace, number, cell (None: it moves); shape; width and height in cells; colour, opacity.
-    marks: list[tuple[str, int, int | None, int, float, float, str, float]] = [
-        (wire.DOORWAYS, number, cell, CUBE, 0.9, 0.05, DOORWAY_COLOUR, 0.3)
-        for number, cell in enumerate(sorted(frame.grid.doorways))
-    ]
-    for k, robot in enumerate(scenario.robots):
-        marks.append(
-            (wire.GOALS, k, robot.goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8)
-        )
-        marks.append((wire.ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8))
-    items: list[Item] = [Fixed("<u4", len(marks))]
-    for i, (space, number, cell, shape, width, height, colour, opacity) in enumerate(
-        marks
-    ):
-        items += [
-            *header(f"{i}_"),
-            space,
-            *(Fixed("<i4", n) for n in (number, shape, SHOW)),
-        ]
-        items += (
-            place(f"{i}_")
-            if cell is None
-            else place_at(*frame.centres[cell], frame.origin.yaw)
-        )
-        items += [
-            Fixed("<f8", size * frame.resolution) for size in (width, width, height)
-        ]
-        items += [Fixed("<f4", share) for share in (*rgb(colour), opacity)]
-        items += [*nothing("<i4", "<u4", "u1", "<u4", "<u4"), ""]  # lifetime to texture
-        items += [*nothing("<i4", "<u4"), "", "", *nothing("<u4", "<u4"), "", "", ""]
-        items += nothing("<u4", "u1")
-    return Layout(items)
 
 
 def action_numbers(action: Action) -> tuple[float, ...]:
@@ -305,61 +272,90 @@ def action_from(numbers: Sequence[float]) -> Action:
     return Action(move, bool(asked), int(peer) - 1, bool(perceived))
 
 
-SELF_REPORT_TYPES = tuple(get_type_hints(wire.SelfReport).values())
-"""The types of a self-report's numbers."""
-
-
 FLAGS = (0.0, 1.0)
 """No and yes as numbers."""
 
 
-class Messages(Frame):
-    """The messages of one run: its time steps, its map and its metres, as CDR.
+class Messages:
+    """The messages of one run, as CDR: its steps and cells as seconds and metres, and back.
 
-    Reading checks the frame, the stamp and the numbers. A message that does not fit the run
-    raises ValueError; one that cannot be decoded may raise any exception.
+    Time step t has the stamp t * step_period seconds. In the frame `map` the map lies at its
+    `origin`; if that has no yaw, east is along x, north along y.
+    Reading checks the frame and the numbers: a message that does not fit the run raises
+    ValueError; one that cannot be decoded may raise any exception.
 
     Args:
         run: the run.
-        decode: returns the message from a topic's bytes without a known layout.
+        decode: returns the message from a topic's bytes without a known layout; None: such
+            messages do not come.
+
+    Attributes:
+        grid: the map.
+        resolution: metres a cell.
+        origin: the pose of the map's lower left corner.
+        period: nanoseconds a time step.
+        centres: (x, y) of the middle of each free cell, in metres.
+        places: index of each free cell in the data of an occupancy grid, shape (cells,).
+        names: the robots' names; robots: their number.
     """
 
     def __init__(
-        self, run: RunConfig, decode: Callable[[wire.Topic, bytes], Any]
+        self,
+        run: RunConfig,
+        decode: Callable[[wire.Topic, bytes], Any] | None = None,
     ) -> None:
-        super().__init__(run)
+        self.grid: GridMap = run.scenario.map
+        self.resolution = run.resolution
+        self.origin = self.grid.origin
+        self.names = run.scenario.names
+        self.robots = len(self.names)
+        self.period = round(run.step_period * SECOND)
+        self._half = self.period // 2
+        rows, columns = self.grid.shape
+        cells = self.grid.cells
+        self.centres = [self.grid.squares.centre(*cell) for cell in cells]
+        self.places = np.array([(rows - 1 - r) * columns + c for r, c in cells])
+        self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
         self._decode = decode
-        self._grids = OccupancyData(self)
-        self._grid = grid_form(self).layout
-        self._markers = markers_layout(self, run.scenario)
+        self._grid = grid_form(run).layout
+        self._percepts = [Layout(path(count)) for count in range(1, self.robots + 1)]
 
-    def _read(
+    def stamp(self, step: int) -> tuple[int, int]:
+        """Return (sec, nanosec) of a time step."""
+        return divmod(step * self.period, SECOND)
+
+    def step(self, sec: int, nanosec: int) -> int:
+        """Return the time step of a stamp (the nearest one)."""
+        return (sec * SECOND + nanosec + self._half) // self.period
+
+    def cell(self, x: float, y: float) -> int | None:
+        """Return the free cell at a position in metres, or None."""
+        cell = self._cells.get((x, y))
+        if cell is None:
+            square = self.grid.squares.at(x, y)
+            cell = None if square is None else self.grid.number.get(square)
+        return cell
+
+    def _decoded(
         self, topic: wire.Topic, form: MessageForm, data: bytes
     ) -> tuple[Any, ...]:
-        """Return (sec, nanosec, *numbers) of a message."""
-        said = form.layout.unpack(data)
-        if said is None:
-            ns, numbers = form.read(self._decode(topic, data))
-            said = *divmod(ns, SECOND), *numbers
-        return said
+        """Return (sec, nanosec, *numbers) of a message that another program has packed."""
+        if self._decode is None:
+            raise ValueError("has another form than those of the run")
+        ns, numbers = form.read(self._decode(topic, data))
+        return *divmod(ns, SECOND), *numbers
 
-    def checked_step(self, sec: int, nanosec: int) -> int:
-        """Return the time step of a stamp.
-
-        Raises:
-            ValueError: it lies before the run's beginning, or is not a valid time.
-        """
-        if sec < 0 or not 0 <= nanosec < SECOND:
-            raise ValueError(f"is stamped {sec} s {nanosec} ns, outside of the run")
-        return self.step(sec, nanosec)
+    # Of each time step.
 
     def pack_clock(self, step: int) -> bytes:
         """Return the time of a time step as CDR of rosgraph_msgs/Clock."""
-        return CLOCK_FORM.layout.pack(*self.stamp(step))
+        return CLOCK_FORM.layout.pack(*divmod(step * self.period, SECOND))
 
     def pack_state(self, step: int, cell: int) -> bytes:
         """Return X_k(t) as CDR of geometry_msgs/PoseStamped."""
-        return POSE_FORM.layout.pack(*self.stamp(step), *self.centres[cell])
+        return POSE_FORM.layout.pack(
+            *divmod(step * self.period, SECOND), *self.centres[cell]
+        )
 
     def unpack_state(self, data: bytes) -> tuple[int, int]:
         """Return (step, cell) of a local state.
@@ -367,87 +363,85 @@ class Messages(Frame):
         Raises:
             ValueError: the pose lies in no free cell.
         """
-        sec, nanosec, x, y = self._read(wire.LOCAL_STATE, POSE_FORM, data)
-        cell = self.cell(x, y)
+        said = POSE_FORM.layout.unpack(data)
+        if said is None:
+            said = self._decoded(wire.LOCAL_STATE, POSE_FORM, data)
+        sec, nanosec, x, y = said
+        cell = self._cells.get((x, y))
+        if cell is None:
+            cell = self.cell(x, y)
         if cell is None:
             raise ValueError(
                 f"is at ({x:g}, {y:g}), no free cell of map {self.grid.name}"
             )
-        return self.checked_step(sec, nanosec), cell
+        return (sec * SECOND + nanosec + self._half) // self.period, cell
 
     def pack_reward(self, step: int, reward: Reward) -> bytes:
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
-        return REWARD_FORM.layout.pack(*self.stamp(step), *reward)
+        return REWARD_FORM.layout.pack(*divmod(step * self.period, SECOND), *reward)
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
-        """Return (step, reward) of a reward.
-
-        Raises:
-            ValueError: labels are missing or doubled, or a value is not a number.
-        """
-        sec, nanosec, *numbers = self._read(wire.REWARD, REWARD_FORM, data)
-        if not all(map(isfinite, numbers)):
-            raise ValueError(
-                f"says the rewards {', '.join(map(str, numbers))}: not finite"
-            )
-        individual, common, cost, total, partners = numbers
+        """Return (step, reward) of a reward; ValueError: labels are missing or doubled."""
+        said = REWARD_FORM.layout.unpack(data)
+        if said is None:
+            said = self._decoded(wire.REWARD, REWARD_FORM, data)
+        sec, nanosec, individual, common, cost, total, partners = said
         reward = Reward(individual, common, cost, total, int(partners))
-        return self.checked_step(sec, nanosec), reward
+        return (sec * SECOND + nanosec + self._half) // self.period, reward
 
     def pack_action(self, step: int, action: Action, report: wire.SelfReport) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
         return ACTION_FORM.layout.pack(
-            *self.stamp(step), *action_numbers(action), *report
+            *divmod(step * self.period, SECOND), *action_numbers(action), *report
         )
 
-    def unpack_action(self, data: bytes) -> tuple[int, Action]:
-        """Return (step, action).
+    def unpack_action(self, data: bytes) -> tuple[int, Action, wire.SelfReport]:
+        """Return (step, action, self-report).
 
         Raises:
             ValueError: labels are missing or doubled, (east, north) is no primitive action, or
                 another number is invalid.
         """
-        step, action, _ = self._action(data)
-        return step, action
-
-    def unpack_self_report(self, data: bytes) -> tuple[int, Action, wire.SelfReport]:
-        """Return (step, action, self-report); errors as in `unpack_action`."""
-        step, action, numbers = self._action(data)
-        said = numbers[-len(SELF_REPORT_TYPES) :]
-        if not all(map(isfinite, said)):
-            raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
-        kinds = zip(SELF_REPORT_TYPES, said, strict=True)
-        return step, action, wire.SelfReport(*(kind(number) for kind, number in kinds))
-
-    def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
-        sec, nanosec, *numbers = self._read(wire.ACTION, ACTION_FORM, data)
-        _, _, asked, peer, perceived = numbers[:5]
+        said = ACTION_FORM.layout.unpack(data)
+        if said is None:
+            said = self._decoded(wire.ACTION, ACTION_FORM, data)
+        sec, nanosec, *numbers = said
+        _, _, asked, peer, perceived, percept, learned = numbers
         if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
             raise ValueError(
                 f"says coordinate {asked}, peer {peer}, perceived {perceived}: no action"
             )
-        return self.checked_step(sec, nanosec), action_from(numbers), numbers
+        report = wire.SelfReport(int(percept), bool(learned))
+        return (
+            (sec * SECOND + nanosec + self._half) // self.period,
+            action_from(numbers),
+            report,
+        )
+
+    def pack_percept(self, step: int, cells: Sequence[int]) -> bytes:
+        """Return a percept as CDR of nav_msgs/Path: the own cell, then the perceived ones."""
+        stamp = self.stamp(step)
+        poses = [number for cell in cells for number in (*stamp, *self.centres[cell])]
+        return self._percepts[len(cells) - 1].pack(*stamp, *poses)
+
+    # Now and then.
 
     def pack_map(self, step: int) -> bytes:
-        """Return the map as CDR of nav_msgs/OccupancyGrid."""
-        return self._grid.pack(*self.stamp(step), self._grids.map)
+        """Return the map as CDR of nav_msgs/OccupancyGrid: walls occupied, all else empty."""
+        walls = [[OCCUPIED * (sign == "#") for sign in row] for row in self.grid.rows]
+        data = np.flipud(np.array(walls, dtype=np.int8)).tobytes()
+        return self._grid.pack(*self.stamp(step), data)
 
-    def pack_coordination_map(self, step: int, q_star: np.ndarray) -> bytes:
-        """Return the cells where a robot asks as CDR of nav_msgs/OccupancyGrid.
+    def asking_cells(self, q_star: np.ndarray) -> bytes:
+        """Return where a greedy robot with this Q* asks, as data of an occupancy grid.
 
         The value is 100 there, 0 elsewhere, -1 in walls.
         """
-        return self._grid.pack(*self.stamp(step), self._grids.coordination(q_star))
+        rows, columns = self.grid.shape
+        data = np.full(rows * columns, UNKNOWN, dtype=np.int8)
+        data[self.places] = np.where(asks_surely(q_star.T), OCCUPIED, EMPTY)
+        return data.tobytes()
 
-    def pack_markers(self, stamp: tuple[int, int], cells: Sequence[int]) -> bytes:
-        """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray.
-
-        Args:
-            stamp: (sec, nanosec).
-            cells: the robots' cells.
-        """
-        doorways = stamp * len(self.grid.doorways)
-        robots = (
-            number for cell in cells for number in (*stamp, *stamp, *self.centres[cell])
-        )
-        return self._markers.pack(*doorways, *robots)
+    def pack_coordination_map(self, step: int, asking: bytes) -> bytes:
+        """Return `asking_cells` as CDR of nav_msgs/OccupancyGrid."""
+        return self._grid.pack(*self.stamp(step), asking)

@@ -25,11 +25,11 @@ from sparse_coord_ros.lab.driving.steering import Command
 from sparse_coord_ros.lab.driving.transforms import parent_of
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import MAP_FRAME
-from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
+from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM, SECOND
 from sparse_coord_ros.ros.nodes import ros_topics, transforms
+from sparse_coord_ros.ros.nodes.body_messages import read_goals, read_reached
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
@@ -66,8 +66,8 @@ class BodyNode(Follower):
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
-        convert = Converter(run)
-        names = convert.names
+        messages = messages_of(run)
+        names = messages.names
         metric_map = MetricMap(run, self.values["radius"])
         self.simulator = BodySimulator(
             metric_map, len(names), run.seed, period=self._period
@@ -88,12 +88,14 @@ class BodyNode(Follower):
         ]
         self._transforms = transforms.TransformPublisher(self)
         self.subscriber.listen(
-            ros_topics.BODY_GOALS, self._on_goals, read=convert.read_goals
+            ros_topics.BODY_GOALS,
+            self._on_goals,
+            read=functools.partial(read_goals, messages),
         )
         for k, name in enumerate(names):
             take = functools.partial(self._on_command, k)
             self.subscriber.listen(ros_topics.CMD_VEL, take, name, read=read_command)
-            report = functools.partial(convert.read_reached, k)
+            report = functools.partial(read_reached, messages, k)
             self.subscriber.listen(
                 ros_topics.REACHED, self._on_reached, name, read=report
             )

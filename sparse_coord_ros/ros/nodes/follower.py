@@ -15,6 +15,7 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
 )
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics
+from sparse_coord_ros.ros.nodes.environment import ros_domain
 from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
 from sparse_coord_ros.ros.nodes.parameters import NodePlace, ParameterNode
@@ -24,6 +25,9 @@ REPORT_SECONDS = 1.0
 START_A_WORLD = (
     "start one: ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
 )
+ALONE_SECONDS = 2.5
+"""After so long without a run a node says so: a world that has just started listens first."""
+
 STOP_SECONDS = 1.0
 """How long a node that gets a signal waits for the world's last status: both may get it."""
 
@@ -67,10 +71,13 @@ class Follower(ParameterNode):
         self.status: RunStatus | None = None
         self.presence: WorldPresence | None = None
         self._missing = Reminder()
+        self._alone = False
         self._refused = ""
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.subscriber.listen(ros_topics.RUN, self._on_run, unpack=self._read_run)
+        self.subscriber.listen_packed(
+            ros_topics.RUN, lambda data: (self._read_run(data),), self._on_run
+        )
         self.subscriber.listen(ros_topics.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 
@@ -102,9 +109,16 @@ class Follower(ParameterNode):
         """
         topic = self.resolve_topic_name(ros_topics.RUN.name)
         limit = self.startup_timeout
+        now = time.monotonic()
+        if now - self.born >= ALONE_SECONDS and not self._alone:
+            self._alone = True
+            self.get_logger().info(
+                f"no world simulator on {topic} in ROS domain {ros_domain()} so far; "
+                f"{START_A_WORLD}"
+            )
         which = "another" if self._refused else "a"
         self.remind(self.reminder, f"{which} world simulator on {topic}", START_A_WORLD)
-        if limit < time.monotonic() - self.born:
+        if limit < now - self.born:
             if self._refused:
                 raise RunError(
                     f"node {self.get_name()} cannot follow the run on {topic}: "

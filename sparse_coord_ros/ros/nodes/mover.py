@@ -27,8 +27,9 @@ from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals
 from sparse_coord_ros.protocol.wire import OVER, WORLD, RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
+from sparse_coord_ros.ros.nodes.body_messages import reached_message, read_goals
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, robot_number
+from sparse_coord_ros.ros.nodes.messages import messages_of, robot_number
 from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
@@ -39,8 +40,8 @@ from sparse_coord_ros.ros.nodes.transforms import (
     seconds_of,
 )
 
-POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""For poses and odometry of real robots: receives from publishers of any reliability."""
+POSES_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Only the newest pose counts; it receives from publishers of any reliability."""
 
 TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -54,9 +55,6 @@ TYPES: dict[str, tuple[Any, Any]] = {
     "odometry": (Odometry, lambda message: message.pose.pose),
 }
 """Message classes that hold a pose, and its place in the message."""
-
-HEAP_SECONDS = 0.2
-"""Poses that arrive closer together than this waited in a queue: they were published long ago."""
 
 STAND_SECONDS = 0.1
 """Between two commands to stop while the team is paused: a base may miss one."""
@@ -149,9 +147,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
         """Begin with a run: subscribe to goals and poses."""
         number = robot_number(run, self.robot, "give parameter robot one of them")
         self._mover = self.make(MetricMap(run, self.values["radius"]), number)
-        self._convert = Converter(run)
+        self._messages = messages_of(run)
         self.subscriber.listen(
-            ros_topics.BODY_GOALS, self._on_goals, read=self._convert.read_goals
+            ros_topics.BODY_GOALS,
+            self._on_goals,
+            read=functools.partial(read_goals, self._messages),
         )
         pose_type = self.values["pose_type"]
         if pose_type == FROM_TF:
@@ -160,8 +160,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
             kind, inside = TYPES[pose_type]
             topic = replace(ros_topics.POSE, type=kind)
             read = functools.partial(self._read_pose, inside)
-            qos = topic.qos if pose_type == "pose" else POSES_QOS
-            self.subscriber.listen(topic, self._see, self.robot, read=read, qos=qos)
+            self.subscriber.listen(
+                topic, self._see, self.robot, read=read, qos=POSES_QOS
+            )
 
     def _hear_transforms(self) -> None:
         remedy = "install it, or take a topic of poses"
@@ -194,10 +195,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def _see(self, seen: tuple[float, Pose] | None) -> None:
         if seen is None or self._mover is None:
             return
-        now = time.monotonic()
-        if seen[0] == self._mover.heard and now - self._seen < HEAP_SECONDS:
-            return  # they came while this node slept: they are not current
-        self._seen = now
+        self._seen = time.monotonic()
         self._stopped = False
         self._mover.sees(*seen)
         if self.may_drive:
@@ -212,7 +210,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def report_reached(self, reached: GoalReport) -> None:
         """Publish how a goal ended."""
-        message = self._convert.reached_message(self._step, reached)
+        message = reached_message(self._messages, self._step, reached)
         self._reached_publisher.publish(message)
 
     def go_on(self, now: float) -> None:

@@ -8,7 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.base.errors import BagError, RunError, os_error_text
+from sparse_coord_ros.base.errors import (
+    BagError,
+    RunError,
+    TablesError,
+    os_error_text,
+)
 from sparse_coord_ros.base.files import read_text, rescue, take_lock, write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
@@ -16,7 +21,12 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.runs.evaluation import check_tables
-from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
+from sparse_coord_ros.core.runs.run_config import (
+    RUN_FILE,
+    SUMMARY_FILE,
+    RunConfig,
+    load_run,
+)
 from sparse_coord_ros.core.runs.tables import (
     TEAM_FILE,
     load_saved,
@@ -33,7 +43,6 @@ from sparse_coord_ros.protocol.lockstep.robot_side import ASKS, RobotState
 from sparse_coord_ros.protocol.lockstep.world_side import WorldState
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode, run_from_parameters
 
-SUMMARY_FILE = "summary.yaml"
 NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
 
 
@@ -268,6 +277,12 @@ def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:
         SparseCoordError: no such run, or its map, robots or learner are others.
     """
     source = load_run(directory)
+    learned_on = source.scenario.map
+    if learned_on.cells != run.scenario.map.cells:
+        raise TablesError(
+            f"{directory}: its tables are of map {learned_on.name}, whose free cells are not "
+            f"those of map {run.scenario.map.name}; give a run of scenario {run.scenario.name}"
+        )
     tables = load_team(directory, source.scenario, source.rule)
     check_tables(run.scenario, tables, run.rule)
     return taught(run.scenario, run.rule, number, tables[number].memory)

@@ -3,6 +3,7 @@
 """ROS parameters from the typed tables of `core.game.settings`."""
 
 import functools
+import math
 import time
 from array import array
 from collections import Counter
@@ -10,11 +11,16 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, TypedDict, Unpack, cast
+from typing import Any, ClassVar, TypedDict, Unpack
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
@@ -54,7 +60,7 @@ from sparse_coord_ros.lab.driving.trials import (
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 from sparse_coord_ros.protocol.wire.services import Service
 from sparse_coord_ros.ros.nodes.direct_recording import (
     DirectRecording,
@@ -132,6 +138,7 @@ class NodePlace(TypedDict, total=False):
         values: parameters given by the program; None: those of the command line count.
         direct: the direct way to a recorder in the same process; None: a recorder subscribes.
         shared_clients: those of the robots of this process, by service.
+        shared_states: for each robot of this process, those that are handed its states, by name.
     """
 
     context: Context
@@ -139,6 +146,7 @@ class NodePlace(TypedDict, total=False):
     values: Mapping[str, Any] | None
     direct: DirectRecording | None
     shared_clients: dict[str, Client]
+    shared_states: dict[str, dict[str, Callable[[int, int], None]]]
 
 
 class ParameterNode(Node):
@@ -156,7 +164,7 @@ class ParameterNode(Node):
         full_name: its name with its namespace, as in diagnostics: `team_a/robot_1`.
         born: the time of the node's beginning, by the monotonic clock.
         direct: the connection to a recorder in the same process, or None.
-        shared_clients: clients that the robots of this process share, by service.
+        shared_clients, shared_states: as of `NodePlace`.
         reminder: times of reminders while the node waits.
         failure: the error that stops the node, or None.
         done: whether the node's work is finished.
@@ -166,7 +174,12 @@ class ParameterNode(Node):
         SettingError: an unknown parameter or a bad value.
     """
 
-    changeable: ClassVar[Collection[str]] = ("rate",)
+    changeable: ClassVar[Collection[str]] = (
+        "rate",
+        "lost_robot",
+        "body_timeout",
+        "pose_timeout",
+    )
 
     def __init__(
         self, name: str, table: SettingTable, **place: Unpack[NodePlace]
@@ -180,7 +193,6 @@ class ParameterNode(Node):
                 namespace=place.get("namespace", ""),
                 use_global_arguments=values is None,
                 parameter_overrides=given,
-                automatically_declare_parameters_from_overrides=True,
             )
         except (RCLError, RuntimeError) as error:
             why = message_of(error)
@@ -194,7 +206,8 @@ class ParameterNode(Node):
         self._table = table
         self.direct = place.get("direct")
         self.shared_clients = place.get("shared_clients", {})
-        self.subscriber = Subscriber(self)
+        self.shared_states = place.get("shared_states", {})
+        self.subscriber = Subscriber(self, self.fail)
         try:
             self.values = self._declare()
             self.set_up()
@@ -237,12 +250,6 @@ class ParameterNode(Node):
                 return args[-1] if args else None
 
         return wrapped
-
-    def create_subscription(self, msg_type, topic, callback, *args, **more):
-        """As `Node`'s; the callback is guarded."""
-        return super().create_subscription(
-            msg_type, topic, self.guarded(callback), *args, **more
-        )
 
     def create_service(self, srv_type, srv_name, callback, **more):
         """As `Node`'s, with a guarded callback; rclpy's own ones refuse unreadable requests."""
@@ -366,23 +373,27 @@ class ParameterNode(Node):
         return any(count <= ears[name] for name, count in self.names_of(role).items())
 
     def _declare(self) -> dict[str, Any]:
-        overrides = {
-            key: cast(Parameter, parameter).value
-            for key, parameter in self.get_parameters_by_prefix("").items()
-            if key not in ROS_PARAMETERS and not key.startswith(ROS_PARAMETERS_PREFIX)
+        """Declare the parameters, and return their values; all that are given are checked."""
+        given = {
+            name: parameter.value
+            for name, parameter in self._parameter_overrides.items()
+            if name not in ROS_PARAMETERS and not name.startswith(ROS_PARAMETERS_PREFIX)
         }
         takes = {**self._table, **(SETTINGS if "scenario" in self._table else {})}
-        others = set(ALL_NAMES) - set(takes)
-        given = {name: value for name, value in overrides.items() if name not in others}
+        for name in set(ALL_NAMES) - set(takes):
+            given.pop(name, None)  # of other nodes
         parsed = self.parse(SettingTable(takes.values()), given)
         values = {**self._table.defaults(), **parsed}
         allow_modules(values.get("allow", ()))
-        for name in overrides:
-            self.undeclare_parameter(name)
-        for name, setting in self._table.items():
-            descriptor = _descriptor(setting, read_only=name not in self.changeable)
-            self.declare_parameter(name, values[name], descriptor, ignore_override=True)
+        rows: list[Any] = [
+            (name, values[name], self._descriptor(setting))
+            for name, setting in self._table.items()
+        ]
+        self.declare_parameters("", rows, ignore_override=True)
         return values
+
+    def _descriptor(self, setting: Setting) -> ParameterDescriptor:
+        return _descriptor(setting, read_only=setting.name not in self.changeable)
 
     def parse(
         self, table: SettingTable, values: Mapping[str, object]
@@ -446,14 +457,26 @@ def _as_parameter(value: object) -> bool | int | float | str:
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
-    return ParameterDescriptor(
+    """Return the description of a parameter; a number's has its range."""
+    found = ParameterDescriptor(
         name=setting.name,
         description=setting.help,
         additional_constraints=f"allowed: {setting.allowed}",
         read_only=read_only,
-        dynamic_typing=setting.kind
-        is float,  # a whole number is a number: `param set rate 20`
     )
+    bounds = (setting.low, setting.high)
+    if setting.kind is float:
+        # a whole number is a number: `param set rate 20`
+        found.dynamic_typing = True
+        if all(map(math.isfinite, bounds)):
+            low, high = map(float, bounds)
+            found.floating_point_range = [
+                FloatingPointRange(from_value=low, to_value=high)
+            ]
+    elif setting.kind is int and all(map(math.isfinite, bounds)):
+        low, high = map(int, bounds)
+        found.integer_range = [IntegerRange(from_value=low, to_value=high)]
+    return found
 
 
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:

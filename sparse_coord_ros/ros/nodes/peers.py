@@ -17,17 +17,16 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.service import Service
-from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
+from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.messages import cell_path, cell_pose
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE, STEP_QOS
+from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE
 
 IMMEDIATE_REPEATS = 10
 """Number of immediate repeats to a peer that is a step behind; later repeats come with each
@@ -36,13 +35,6 @@ tick."""
 
 REPEAT_ASK_SECONDS = 0.5
 """An unanswered request is sent again after so long."""
-
-
-def _introspect(node: Node, endpoint: Client | Service) -> None:
-    """Publish the service events of a client or service, so that they can be recorded."""
-    clock = node.get_clock()
-    what = ServiceIntrospectionState.CONTENTS
-    endpoint.configure_introspection(clock, STEP_QOS, what)
 
 
 class Peer:
@@ -121,6 +113,11 @@ class Peer:
         self._silent = True
         self._unsent = None
 
+    @property
+    def waits(self) -> bool:
+        """True if a request is not answered yet, or could not be sent."""
+        return self._open is not None or self._unsent is not None
+
     def _on_done(self, step: int, future: Future) -> None:
         if future.cancelled() or future.result() is None:
             return
@@ -144,24 +141,22 @@ class Peers:
     Args:
         node: the robot's node.
         run: the run.
-        convert: between its steps and cells and messages.
+        messages: the run's messages.
         side: the robot's side of the lock step.
     """
 
     def __init__(
-        self, node: ParameterNode, run: RunConfig, convert: Converter, side: RobotSide
+        self, node: ParameterNode, run: RunConfig, messages: Messages, side: RobotSide
     ) -> None:
         self._subscriber = node.subscriber
-        self._convert = convert
+        self._messages = messages
         self._side = side
-        self._names = convert.names
+        self._names = messages.names
         self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
-        _introspect(
-            node,
-            node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer),
-        )
+        node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer)
         self._peers: dict[int, Peer] = {}
+        self._requested: set[int] = set()
         for k, name in enumerate(self._names):
             if name == node.get_name():
                 continue
@@ -171,7 +166,6 @@ class Peers:
                 node.shared_clients[service] = node.create_client(
                     ACTIVE_PERCEPTION_TYPE, service
                 )
-                _introspect(node, node.shared_clients[service])
             answered = node.guarded(partial(self._on_answer, k))
             self._peers[k] = Peer(node, node.shared_clients[service], answered)
 
@@ -181,7 +175,8 @@ class Peers:
 
     def ask(self, peer: int, step: int, cell: int) -> bool:
         """Ask a peer for its local state; return whether to wait, as `Peer.request` does."""
-        return self._peers[peer].request(self._convert.pose(step, cell), step)
+        self._requested.add(peer)
+        return self._peers[peer].request(cell_pose(self._messages, step, cell), step)
 
     def start_anew(self) -> None:
         """Drop pending requests: the run goes back to an earlier time step."""
@@ -196,8 +191,11 @@ class Peers:
             if asked is not None:
                 asked.gave_up()
             self._side.expire()
-        for peer in self._peers.values():
+        for k in tuple(self._requested):
+            peer = self._peers[k]
             peer.send_what_waits()
+            if not peer.waits:
+                self._requested.remove(k)
 
     def _answer(
         self, request: GetPlan.Request, response: GetPlan.Response
@@ -207,7 +205,7 @@ class Peers:
         position = request.start.pose.position
         asker = request.goal.header.frame_id
         try:
-            step = self._convert.checked_step(stamp.sec, stamp.nanosec)
+            step = self._messages.step(stamp.sec, stamp.nanosec)
             if step and asker not in self._names:
                 raise ValueError(f"asker {asker!r} is no robot of the scenario")
         except ValueError as error:
@@ -216,21 +214,19 @@ class Peers:
         else:
             number = self._names.index(asker) if asker in self._names else 0
             answer = self._side.asked(
-                number, step, self._convert.cell(position.x, position.y)
+                number, step, self._messages.cell(position.x, position.y)
             )
-        response.plan = self._convert.path(answer.step, (answer.cell,))
+        response.plan = cell_path(self._messages, answer.step, (answer.cell,))
         return response
 
     def _on_answer(self, peer: int, request_step: int, plan: Path) -> None:
         """Read a peer's answer to the request of a time step."""
         cell = None
         try:
-            step = self._convert.checked_step(
-                plan.header.stamp.sec, plan.header.stamp.nanosec
-            )
+            step = self._messages.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
             if plan.poses:
                 position = plan.poses[0].pose.position
-                cell = self._convert.cell(position.x, position.y)
+                cell = self._messages.cell(position.x, position.y)
                 if cell is None:
                     raise ValueError(
                         f"position ({position.x:g}, {position.y:g}) is no free cell"

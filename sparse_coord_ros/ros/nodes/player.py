@@ -5,7 +5,7 @@
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from rclpy.parameter import Parameter
 
@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.settings import SettingTable
 from sparse_coord_ros.log.bags.playback import Playback
 from sparse_coord_ros.log.bags.playlist import Playlist
 from sparse_coord_ros.protocol.wire import services
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.ros.nodes.player_topics import PlayedTopics
@@ -84,13 +84,15 @@ class Player(ParameterNode):
         last = replace(self._table["position"], high=self._seconds)
         self._table = SettingTable([*self._table.values(), last])
         self.parse(self._table, {"position": values["position"]})
-        how = {
+        how: dict[str, Any] = {
             "rate": values["rate"],
             "loop": values["loop"],
             "paused": values["start_paused"],
         }
         publish = played.publish
         now = time.monotonic_ns
+        if not values["wait"]:
+            how["on_gap"] = self._on_gap
         self._playback = Playback(playlist, publish, now, on_time=played.tell, **how)
         self.get_logger().info(
             f"{played.bag.path}: {len(playlist)} messages on {len(played.publishers)} topics, "
@@ -128,6 +130,14 @@ class Player(ParameterNode):
     def _seek(self, seconds: float) -> None:
         self._playback.seek(
             self._start_ns + round(min(seconds, self._seconds) * SECOND)
+        )
+
+    def _on_gap(self, begin_ns: int, end_ns: int) -> None:
+        begin = (begin_ns - self._start_ns) / SECOND
+        seconds = (end_ns - begin_ns) / SECOND
+        self.get_logger().info(
+            f"no messages for {seconds:.1f} s after {begin:.3f} s: jumped; "
+            "to wait: replay --wait, or parameter wait"
         )
 
     def _wake(self) -> None:

@@ -15,8 +15,7 @@ from sparse_coord_ros.log.bags import Bag, BagTopic, Message, QoS, open_bag, typ
 from sparse_coord_ros.log.bags.schemas import ros_name
 from sparse_coord_ros.log.bags.topics import latched
 from sparse_coord_ros.protocol import wire
-from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM
+from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM, SECOND
 from sparse_coord_ros.ros.nodes import ros_topics
 
 ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)

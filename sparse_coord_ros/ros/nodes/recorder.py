@@ -1,12 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder node: every topic of the team and the service events, as CDR, into a bag."""
+"""The recorder node: the topics of the team, as CDR, into a bag."""
 
 import contextlib
 import math
 import shutil
 import struct
 import time
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.base.errors import BagError, RunError, SparseCoordError
-from sparse_coord_ros.core.runs.run_config import RUN_RECORD, RunConfig
+from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RUN_RECORD, RunConfig
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.reader import Bag, continued
@@ -25,8 +26,7 @@ from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
-from sparse_coord_ros.protocol.wire.frame import SECOND
-from sparse_coord_ros.protocol.wire.messages import STAMPED
+from sparse_coord_ros.protocol.wire.messages import SECOND, STAMPED
 from sparse_coord_ros.protocol.wire.status import (
     NO_ATTEMPT,
     Order,
@@ -37,7 +37,7 @@ from sparse_coord_ros.protocol.wire.status import (
 from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.messages import messages_of, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
 from sparse_coord_ros.ros.nodes.spin import run_node
 
@@ -65,8 +65,7 @@ class Recording:
     """A recorder's part in one run: its bag, and the time at which messages are logged.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
-    the bag's time line is the world's, however fast the run went. (The service events have the
-    times of the wall clock.)
+    the bag's time line is the world's, however fast the run went.
 
     Args:
         node: the recorder, which follows the run.
@@ -75,7 +74,7 @@ class Recording:
 
     Attributes:
         run, bag: as above.
-        convert: between the run's time steps and ROS time.
+        messages: the run's messages.
         now_ns: the newest stamp seen.
         said_ns: the newest time in the world's status.
         heard: the time of the last message, by `time.monotonic`.
@@ -92,12 +91,12 @@ class Recording:
         self.run = run
         self.bag = bag
         self._report = node.reporter("bag")
-        self.convert = Converter(run)
+        self.messages = messages_of(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
         self.attempt = NO_ATTEMPT
         self.final: set[str] = set()
-        self._near_ns = LAG_STEPS * self.convert.period
+        self._near_ns = LAG_STEPS * self.messages.period
         self._count = self._steps = 0
         self._order = Order()
         self._said = wire.RunState.WAITING.value
@@ -136,7 +135,7 @@ class Recording:
             bag.begin_file()
         self.attempt = self._order.attempt
         step = self._order.checkpoint
-        self.now_ns = self.said_ns = step * self.convert.period
+        self.now_ns = self.said_ns = step * self.messages.period
         bag.add_metadata(RUN_RECORD, self.run.record())
         channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
         message = serialize_message(String(data=self.run.to_yaml()))
@@ -176,7 +175,7 @@ class Recording:
         waiting: list[RobotTables] = []
         for one in self._tables:
             said = one.said
-            complete = said.step * self.convert.period <= heard_ns
+            complete = said.step * self.messages.period <= heard_ns
             begins = said.occasion == wire.Occasion.BEGIN
             # those of another attempt belong to an order that has not come yet
             there = said.attempt == self.attempt and (complete or begins or ending)
@@ -201,7 +200,7 @@ class Recording:
         robots.add(one.robot)
         topic = ros_topics.TABLES
         channel = self._channel(topic, topic.of(one.robot))
-        at = step * self.convert.period
+        at = step * self.messages.period
         self.bag.write(channel, one.data, at, at)
 
     def _note_checkpoints(self) -> None:
@@ -249,9 +248,8 @@ class Recording:
         node = self._node
         of_team, of_robot = map(ros_topics.recorded, (TEAM, ROBOT))
         for topic in of_team:
-            if topic is ros_topics.CLOCK:
-                topic = ros_topics.clock_of(self.run)
-            if topic is not ros_topics.RUN:
+            clock = topic is ros_topics.CLOCK and self.run.clock != OWN_CLOCK
+            if topic is not ros_topics.RUN and not clock:
                 self._record(topic, "")
         for robot in self.run.scenario.robots:
             for topic in of_robot:
@@ -260,7 +258,9 @@ class Recording:
             hear = partial(self.hear_tables, robot.name)
             tables = ros_topics.TABLES
             qos = ros_topics.recorder_qos(tables)
-            node.subscriber.listen(tables, hear, robot.name, unpack=read_bytes, qos=qos)
+            node.subscriber.listen_packed(
+                tables, lambda data: (read_bytes(data),), hear, robot.name, qos=qos
+            )
             begun = partial(self._on_progress, robot.name)
             node.subscriber.listen(
                 ros_topics.PROGRESS, begun, robot.name, read=read_progress
@@ -312,21 +312,26 @@ class Recording:
         if node.direct is not None and topic.packed:
             node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            shared = topic.name == ros_topics.DIAGNOSTICS.name
+            if topic is ros_topics.DIAGNOSTICS:
+                write = partial(self._write_ours, write)
             qos = ros_topics.recorder_qos(topic)
-            unpack = self._of_this_namespace if shared else bytes
-            node.subscriber.listen(
-                topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
+            node.subscriber.listen_packed(
+                topic, lambda data: (data,), write, owner, qos=qos
             )
 
-    def _of_this_namespace(self, data: bytes) -> bytes:
-        """Return the diagnostics of nodes in this node's namespace; b"": there are none."""
+    def _write_ours(self, write: Callable[[bytes], None], data: bytes) -> None:
+        """Write diagnostics that are of nodes in this node's namespace."""
+        if self._of_this_namespace(data):
+            write(data)
+
+    def _of_this_namespace(self, data: bytes) -> bool:
+        """Return whether diagnostics are of nodes in this node's namespace."""
         space = self._node.get_namespace().strip("/")
         names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
         spaces = {
             name.partition(":")[0].strip("/").rpartition("/")[0] for name in names
         }
-        return data if space in spaces else b""
+        return space in spaces
 
     # The methods of a follower of a run.
 
@@ -338,7 +343,7 @@ class Recording:
             self._open = False
             if self.attempt != NO_ATTEMPT:
                 self._quiet_since = time.monotonic()
-        sec, nanosec = self.convert.stamp(said.step)
+        sec, nanosec = self.messages.stamp(said.step)
         self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
@@ -404,7 +409,7 @@ def read_bytes(data: bytes) -> tuple[SavedTables, bytes]:
 
 
 class Recorder(Follower):
-    """Records every topic of the team and the service events, unchanged.
+    """Records the topics of the team, unchanged.
 
     A killed recorder loses what it heard since it last flushed.
 

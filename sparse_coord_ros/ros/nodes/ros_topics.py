@@ -8,29 +8,29 @@ team moves into a namespace together. A robot's topics lie under its name.
 
 import functools
 import importlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from sparse_coord_ros.core.runs.run_config import NO_CLOCK, RunConfig
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import Delivery, services
 
-STEP_DEPTH = 10_000
+RECORDED_DEPTH = 10_000
+"""For publishers, and for a recorder or a page that lags."""
 
+HEARD_DEPTH = 10
+"""For readers in the lock step, which needs a depth of 2."""
 
 QOS_PROFILES = {
-    Delivery.STEP: QoSProfile(depth=STEP_DEPTH),
+    Delivery.STEP: QoSProfile(depth=RECORDED_DEPTH),
     Delivery.EVENT: QoSProfile(depth=10),
     Delivery.LATCHED: QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     Delivery.TABLES: QoSProfile(
         depth=wire.TABLES_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL
     ),
 }
-"""QoS of the publishers, always reliable (rclpy's default). The lock step needs a depth of 2; the
-rest is for a recorder that lags."""
-STEP_QOS = QOS_PROFILES[Delivery.STEP]
+"""QoS of the publishers, always reliable (rclpy's default)."""
 LATCHED_QOS = QOS_PROFILES[Delivery.LATCHED]
 
 
@@ -73,12 +73,6 @@ def __getattr__(name: str) -> RosTopic:
     return bind(topic)
 
 
-def clock_of(run: RunConfig) -> RosTopic:
-    """Return the topic of a run's clock: a hidden one if another node owns /clock."""
-    hidden = run.clock == NO_CLOCK
-    return bind(replace(wire.CLOCK, name=wire.HIDDEN_CLOCK) if hidden else wire.CLOCK)
-
-
 def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
     """Return the topics of an owner that a recorder records."""
     return tuple(
@@ -86,9 +80,14 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
     )
 
 
+def heard_qos(topic: RosTopic) -> QoSProfile:
+    """Return the QoS profile of a reader that keeps up."""
+    return QoSProfile(depth=HEARD_DEPTH, durability=topic.qos.durability)
+
+
 def recorder_qos(topic: RosTopic) -> QoSProfile:
-    """Return the recorder's QoS profile, deep enough for a recorder that lags."""
-    return QoSProfile(depth=STEP_DEPTH, durability=topic.qos.durability)
+    """Return the QoS profile of a reader that may lag: a recorder or a page."""
+    return QoSProfile(depth=RECORDED_DEPTH, durability=topic.qos.durability)
 
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subscriptions: bytes from the network become messages, or are dropped.
 
-Any node can publish anything on any topic. A message that cannot be decoded, or does not fit the
-run, is dropped and counted by its topic, with one warning a topic; it never ends a node.
+A message that cannot be decoded, or does not fit the run, is dropped and counted by its topic,
+with one warning a topic; it never ends a node. An exception in a callback stops the node.
 """
 
 from collections import Counter
@@ -14,22 +14,24 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.base.errors import message_of
-from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
+from sparse_coord_ros.base.errors import SparseCoordError, failure_of, message_of
+from sparse_coord_ros.ros.nodes.ros_topics import RosTopic, heard_qos
 
 
 class Subscriber:
     """A node's subscriptions.
 
     Args:
-        node: the node; its callbacks are guarded (`parameters.ParameterNode`).
+        node: the node.
+        fail: stops the node, because of an error.
 
     Attributes:
         dropped: number of dropped messages, by topic or service.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, fail: Callable[[SparseCoordError], None]) -> None:
         self._node = node
+        self._fail = fail
         self.dropped: Counter[str] = Counter()
 
     def listen(
@@ -40,10 +42,9 @@ class Subscriber:
         *,
         name: str = "",
         read: Callable[[Any], Any] = lambda message: message,
-        unpack: Callable[[bytes], Any] | None = None,
         qos: QoSProfile | None = None,
     ) -> Any:
-        """Subscribe to a topic of the team, a robot or a node; return the subscription.
+        """Subscribe to the messages of a team, a robot or a node; return the subscription.
 
         Args:
             topic: the topic.
@@ -51,26 +52,51 @@ class Subscriber:
             owner: the topic's owner.
             name: the topic's name, if given.
             read: returns the content of a message object; any exception drops the message.
-            unpack: returns the content of a message's bytes; in place of `read`.
-            qos: the subscription's profile; None: that of the topic.
+            qos: the subscription's profile; None: that of the topic, with a depth for readers that
+                keep up.
+        """
+
+        def unpack(data: bytes) -> tuple[Any]:
+            return (read(deserialize_message(data, topic.type)),)
+
+        return self.listen_packed(topic, unpack, then, owner, name=name, qos=qos)
+
+    def listen_packed(
+        self,
+        topic: RosTopic,
+        unpack: Callable[[bytes], tuple[Any, ...]],
+        then: Callable[..., None],
+        owner: str = "",
+        *,
+        name: str = "",
+        qos: QoSProfile | None = None,
+    ) -> Any:
+        """Subscribe to the bytes of messages; return the subscription.
+
+        Args:
+            topic: the topic.
+            unpack: returns the arguments of `then` from a message's bytes; any exception drops
+                the message.
+            then: called with them.
+            owner: the topic's owner.
+            name: the topic's name, if given.
+            qos: as of `listen`.
         """
         name = name or topic.of(owner)
 
         def take(data: bytes) -> None:
             try:
-                said = (
-                    unpack(data)
-                    if unpack
-                    else read(deserialize_message(data, topic.type))
-                )
+                content = unpack(data)
             except Exception as error:  # errors of rclpy, struct, Unicode and others
                 self.drop(name, error)
                 return
-            then(said)
+            try:
+                then(*content)
+            except Exception as error:
+                self._fail(failure_of(error))
 
-        return self._node.create_subscription(
-            topic.type, name, take, topic.qos if qos is None else qos, raw=True
-        )
+        profile = heard_qos(topic) if qos is None else qos
+        return self._node.create_subscription(topic.type, name, take, profile, raw=True)
 
     def drop(self, name: str, why: object, done: str = "message dropped") -> None:
         """Count an invalid message of a topic or service, and log the first one.

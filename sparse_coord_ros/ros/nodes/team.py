@@ -97,6 +97,7 @@ def run_team(
         "direct": direct,
     }
     place["shared_clients"] = {}
+    place["shared_states"] = {name: {} for name in run.scenario.names}
     nodes: list[ParameterNode] = []
     recorder = None
     with ending(nodes, lambda: gather(out, run.scenario, interrupted=True)):

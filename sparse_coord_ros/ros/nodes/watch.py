@@ -38,7 +38,7 @@ from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import Converter, read_run
+from sparse_coord_ros.ros.nodes.messages import messages_of, read_run
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.show.page.controls import (
@@ -190,9 +190,7 @@ class InsideWatch(ParameterNode):
         self._view.take(seen._replace(ends=ends))
 
     def _sides(self) -> list[RobotSide | None]:
-        return [
-            None if one.member is None else one.member.lockstep for one in self._robots
-        ]
+        return [None if one.presence is None else one.lockstep for one in self._robots]
 
     def _tick(self) -> None:
         self._controls.call()
@@ -395,7 +393,7 @@ class HeardTeam:
         self._run = run
         self._goals = [robot.goal for robot in run.scenario.robots]
         self._interactions = interactions_of(run.scenario)
-        self.history = HistoryRecorder(len(self._goals))
+        self.history = HistoryRecorder(run.scenario)
         self.seen = self.episode = self.without = self._ticks = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
@@ -404,30 +402,27 @@ class HeardTeam:
         self._newest: int | None = None
         self._last_made: int | None = None
         self._said: RunStatus | None = None
-        convert = Converter(run)
-        listen = node.subscriber.listen
+        messages = messages_of(run)
+        steps = (
+            (ros_topics.LOCAL_STATE, messages.unpack_state, self._on_state),
+            (ros_topics.ACTION, messages.unpack_action, self._on_action),
+            (ros_topics.REWARD, messages.unpack_reward, self._on_reward),
+        )
         self._subscriptions = []
         for k, robot in enumerate(run.scenario.robots):
-            for topic, then, how in (
-                (
-                    ros_topics.LOCAL_STATE,
-                    self._on_state,
-                    {"unpack": convert.unpack_state},
-                ),
-                (
-                    ros_topics.ACTION,
-                    self._on_action,
-                    {"unpack": convert.unpack_self_report},
-                ),
-                (ros_topics.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
-                (
-                    ros_topics.TABLES,
-                    self._on_tables,
-                    {"read": functools.partial(self._read_tables, k)},
-                ),
-            ):
-                heard = listen(topic, functools.partial(then, k), robot.name, **how)
+            for topic, unpack, then in steps:
+                heard = node.subscriber.listen_packed(
+                    *(topic, unpack, functools.partial(then, k), robot.name),
+                    qos=ros_topics.recorder_qos(topic),
+                )
                 self._subscriptions.append(heard)
+            heard = node.subscriber.listen(
+                ros_topics.TABLES,
+                functools.partial(self._on_tables, k),
+                robot.name,
+                read=functools.partial(self._read_tables, k),
+            )
+            self._subscriptions.append(heard)
 
     @property
     def pending(self) -> list[int]:
@@ -439,17 +434,15 @@ class HeardTeam:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
 
-    def _on_action(self, k: int, said: tuple[int, Action, SelfReport]) -> None:
-        step, action, report = said
+    def _on_action(self, k: int, step: int, action: Action, report: SelfReport) -> None:
         self._steps[step].said[k] = action, PerceptEnd.said(report.percept)
         self.catch_up()
 
-    def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
-        self._steps[said[0]].rewards[k] = said[1]
+    def _on_reward(self, k: int, step: int, reward: Reward) -> None:
+        self._steps[step].rewards[k] = reward
         self.catch_up()
 
-    def _on_state(self, k: int, said: tuple[int, int]) -> None:
-        step, cell = said
+    def _on_state(self, k: int, step: int, cell: int) -> None:
         if not self._steps[step].cells:
             if self._newest is None and step != FIRST_STEP:
                 self._lack(

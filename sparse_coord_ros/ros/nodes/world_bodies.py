@@ -16,7 +16,8 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
 )
 from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.messages import Converter
+from sparse_coord_ros.ros.nodes.body_messages import goals_message, read_reached
+from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 
@@ -41,8 +42,8 @@ class WorldBodies:
     ) -> None:
         self._node = node
         self._there = there
-        self._convert = Converter(run)
-        self._names = self._convert.names
+        self._messages = messages_of(run)
+        self._names = self._messages.names
         self.game = BodyWorld(run.scenario, run.seed, slips=run.slips)
         self.side = BodiesSide(self.game, self.send)
         self._heard = 0.0
@@ -50,7 +51,7 @@ class WorldBodies:
         self._publisher = node.announce(ros_topics.BODY_GOALS)
         self._subscriptions = []
         for k, name in enumerate(self._names):
-            read = functools.partial(self._convert.read_reached, k)
+            read = functools.partial(read_reached, self._messages, k)
             heard = node.subscriber.listen(
                 ros_topics.REACHED, self._on_reached, name, read=read
             )
@@ -60,7 +61,7 @@ class WorldBodies:
         """Send the bodies their goals."""
         self._heard = time.monotonic()
         self._reminder.over()  # their waiting time begins anew
-        self._publisher.publish(self._convert.goals_message(goals))
+        self._publisher.publish(goals_message(self._messages, goals))
 
     def missing(self) -> list[str]:
         """Return the commands that start the missing drivers."""
@@ -82,7 +83,7 @@ class WorldBodies:
             self._reminder.over()
             return
         names = ", ".join(self._names[k] for k in side.waiting)
-        centres = (self._convert.centres[self.game.cells[k]] for k in side.waiting)
+        centres = (self._messages.centres[self.game.cells[k]] for k in side.waiting)
         cells = ", ".join(f"({x:g}, {y:g})" for x, y in centres)
         where = f" to be at {cells}" if side.placing else ""
         self._node.remind(self._reminder, f"the bodies of {names}{where}")

@@ -15,21 +15,32 @@ from rclpy.timer import Timer
 from sparse_coord_ros.base.errors import NameTakenError, RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.percents import percent
+from sparse_coord_ros.base.progress import in_time
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.core.game.interactions import can_miscoordinate, interactions_of
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.repeating import repeating_command
-from sparse_coord_ros.core.runs.run_config import RUN_FILE
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, SUMMARY_FILE
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
+from sparse_coord_ros.protocol.lockstep.world_states import (
+    GATHERING,
+    MOVING,
+    OVER,
+    RETURNING,
+    UNDER_WAY,
+    Event,
+    State,
+    next_state,
+)
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.ros.nodes.messages import run_announced
-from sparse_coord_ros.ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
+from sparse_coord_ros.ros.nodes.outputs import Output, resumed_run
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
     NodePlace,
@@ -53,10 +64,10 @@ PROGRESS_SECONDS = 5.0
 
 
 class WorldSimulator(ParameterNode):
-    """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
+    """Publishes X_k(t) and R_k(t), and waits for the team's actions.
 
     The world listens whether another one has announced a run, opens, begins when all nodes are
-    there, and then makes a time step when all robots have acted.
+    there, and then makes a time step when all robots have acted. Its `state` says what it does.
 
     Args:
         place: where the node is made, and with what: see `NodePlace`.
@@ -65,6 +76,7 @@ class WorldSimulator(ParameterNode):
         startup_timeout: the seconds that it waits for the other nodes.
         lost_timeout: the seconds that it waits for lost robots before it ends.
         run: the run.
+        state: its state, which `next_state` changes.
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: robots without bodies.
         topics: its publishers.
@@ -78,15 +90,11 @@ class WorldSimulator(ParameterNode):
     startup_timeout = 60.0
     lost_timeout = 60.0
     restart: Restart
+    state = State.LISTENING
     _output: Output | None = None
     _rate_timer: Timer | None = None
     # The rate of that timer.
     _timed_rate = 0.0
-    _paused = False
-    # One step is to be made in spite of the pause, or is due by the rate.
-    _single = False
-    _beat = False
-    _stopped = False
     _told = -math.inf
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
@@ -99,7 +107,7 @@ class WorldSimulator(ParameterNode):
         self._names = self.run.scenario.names
         self.bodies: WorldBodies | None = None
         if self.run.bodies:
-            self.bodies = WorldBodies(self, self.run, self._advance_where_due)
+            self.bodies = WorldBodies(self, self.run, self._happens)
             game: World = self.bodies.game
         else:
             game = World(self.run.scenario, self.run.seed)
@@ -108,8 +116,8 @@ class WorldSimulator(ParameterNode):
         self.topics.hear_actions(self._on_action)
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
-        self._others = self.subscriber.listen(
-            ros_topics.RUN, self._refuse, unpack=run_announced
+        self._others = self.subscriber.listen_packed(
+            ros_topics.RUN, lambda data: (run_announced(data),), self._refuse
         )
         self.create_timer(TICK_SECONDS, self._tick)
 
@@ -118,24 +126,36 @@ class WorldSimulator(ParameterNode):
     @property
     def doing(self) -> str:
         """The world's activity: a `wire.RunState`."""
-        if self.done:
-            return wire.RunState.FINISHED
-        if self._stopped:
-            return wire.RunState.STOPPED
-        started = self.speed.begun
-        resumed = self.values["resume"] and not started and not self._paused
-        if self.lockstep.held or resumed:
-            return wire.RunState.RESUMING
-        if self._held:
-            return wire.RunState.PAUSED
-        if started:
-            return wire.RunState.GREEDY if self.run.greedy else wire.RunState.LEARNING
-        return wire.RunState.WAITING
+        resuming = bool(self.values["resume"])
+        return self.state.published(greedy=self.run.greedy, resuming=resuming)
 
-    @property
-    def _held(self) -> bool:
-        """True if the team is paused, and no single step is under way."""
-        return self._paused and not self._single
+    def _happens(self, event: Event | None = None) -> None:
+        """Change the state by an event, if any, and make the time step that is due.
+
+        Bodies first get goals, and must arrive.
+        """
+        if event is not None:
+            self.state = next_state(self.state, event)
+        side = self.lockstep
+        if self.state not in MOVING or not side.complete:
+            return
+        if self.bodies is not None and not self.bodies.side.made(side.actions):
+            return
+        side.advance()
+        if self.state is State.STEPPING:
+            self.state = next_state(self.state, Event.MADE)
+            self._say()
+        if self.values["rate"] > 0:
+            self.state = next_state(self.state, Event.MADE_BY_RATE)
+            self._show()
+        self._end_when_finished()
+
+    def _end_when_finished(self) -> None:
+        if self.lockstep.finished and self.state not in OVER:
+            self.state = next_state(self.state, Event.BUDGET_USED)
+            self.done = True
+            self.speed.end(time.monotonic())
+            self._report(time.monotonic())
 
     def _say(self) -> None:
         if self._output is not None:
@@ -144,44 +164,45 @@ class WorldSimulator(ParameterNode):
 
     def _show(self) -> None:
         """Publish the robots' places; not of a resumed team that has not gone back yet."""
-        if not self.lockstep.held and (self.speed.begun or not self.values["resume"]):
+        gathering = self.state in GATHERING and self.values["resume"]
+        if self.state not in RETURNING and not gathering:
             self.topics.show(always=self.lockstep.finished)
 
     # Incoming.
 
-    def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
-        if self.speed.begun and self.lockstep.action(robot, *said):
-            self._advance_where_due()
+    def _on_action(
+        self, robot: int, step: int, action: Action, report: wire.SelfReport
+    ) -> None:
+        if self.state in UNDER_WAY:
+            self.topics.newest[robot] = (step, action, report)
+            if self.lockstep.action(robot, step, action):
+                self._happens()
 
     def _on_pause(self, hold: bool) -> tuple[bool, str]:
-        self._paused = hold
         self._silence.begin(time.monotonic())
+        self._happens(Event.PAUSE if hold else Event.CONTINUE)
         self._say()
-        self._advance_where_due()
         return True, self.doing
 
     def _on_reset(self) -> tuple[bool, str]:
-        if not self.speed.begun or self.lockstep.finished:
+        if self.state not in UNDER_WAY:
             return False, NOT_UNDER_WAY
         self.lockstep.new_episode()
         return True, f"episode {self.lockstep.world.episode + 1} begins"
 
     def _on_step(self) -> tuple[bool, str]:
         """Pause, and make one time step if every robot has acted."""
-        if self.done:
-            return False, NOT_UNDER_WAY
-        self._paused = True
         side = self.lockstep
         step = side.world.step
-        ready = self.speed.begun and side.complete
-        if ready:
-            self._single = True
-            self._advance_where_due()
-        if not self.done:
+        if self.state in OVER:
+            return False, NOT_UNDER_WAY
+        if self.state in UNDER_WAY and side.complete:
+            self._happens(Event.STEP)
             self._say()
-        if ready:
             return True, f"paused after time step {step}"
-        if not self.speed.begun:
+        self._happens(Event.PAUSE)
+        self._say()
+        if self.state not in UNDER_WAY:
             return False, f"paused; {NOT_UNDER_WAY}"
         silent = ", ".join(self._names[k] for k in side.missing() or side.absent)
         return False, f"paused; waits for the action of {silent}: call again"
@@ -203,20 +224,19 @@ class WorldSimulator(ParameterNode):
     def _tick(self) -> None:
         now = time.monotonic()
         self._silence.tick(now)
-        if self._stopped:
-            return
-        if self._output is None:
+        if self.state is State.LISTENING:
             if self.looked_around(now):
                 self._open()
             return
-        if not self.speed.begun:
+        if self.state in GATHERING:
             self._start_when_complete(now)
-        elif self.lockstep.held:
+        elif self.state in RETURNING:
             self.restart.look(now, all_listen=lambda: not self._missing())
-        elif not self.lockstep.finished:
+        elif self.state in UNDER_WAY:
             self._watch_the_barrier(now)
-        if now - self.speed.reported >= REPORT_SECONDS:
-            self._report(now)
+        if self.state is not State.STOPPED:
+            if now - self.speed.reported >= REPORT_SECONDS:
+                self._report(now)
 
     def _open(self) -> None:
         """Offer the services and publish the run."""
@@ -229,6 +249,7 @@ class WorldSimulator(ParameterNode):
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
         self.topics.open(resumed=self.values["resume"])
+        self._happens(Event.OPENED)
         self._say()
 
     def _missing(self) -> list[str]:
@@ -266,35 +287,39 @@ class WorldSimulator(ParameterNode):
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
+        self._happens(Event.ALL_THERE)
         self._say()
         self.get_logger().info(
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
             f"steps, seed {self.run.seed}"
         )
+        self.topics.show_floor()
         self.lockstep.start()
         self._end_when_finished()
 
     def _on_restart(self) -> None:
-        """The team has the order to begin, or goes on."""
+        """The team has an order to begin or to return, or it goes on again."""
+        self._silence.begin(time.monotonic())
         if self.lockstep.held:
             self.topics.start_anew()
-        self._silence.begin(time.monotonic())
-        self._say()
-        if not self.lockstep.held:
+            self._happens(Event.RETURN)
+        elif self.state in RETURNING:
+            self.topics.show_floor()
+            self._happens(Event.ALL_THERE)
             self._end_when_finished()
+        self._say()
 
     def _watch_the_barrier(self, now: float) -> None:
         self._keep_the_rate()
         if self.bodies is not None:
-            self.bodies.look(now, held=self._held)
-        self._advance_where_due()  # the rate may have been set to 0 meanwhile
+            self.bodies.look(now, held=self.state is State.PAUSED)
         if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
             self.reminder.over()
             return
         if self._silence.repeats(now):
             self.lockstep.repeat()
             self._say()
-        if not self._paused:
+        if self.state in (State.RUNNING, State.RESTING):
             self._wait_for_the_lost(now)
 
     def _wait_for_the_lost(self, now: float) -> None:
@@ -328,45 +353,25 @@ class WorldSimulator(ParameterNode):
             self._end_when_finished()
 
     def _keep_the_rate(self) -> None:
+        """Make the timer of the rate, which may have changed; without a rate a step is due."""
         rate = self.values["rate"]
-        if rate == 0 or self._paused or rate == self._timed_rate:
+        if rate == 0 and self.state is State.RESTING:
+            self._happens(Event.DUE)
+        if rate == self._timed_rate:
             return
         if self._rate_timer is not None:
             self.destroy_timer(self._rate_timer)
-        self._rate_timer = self.create_timer(1 / rate, self.beat)
+            self._rate_timer = None
+        if rate > 0:
+            self._rate_timer = self.create_timer(1 / rate, self.beat)
         self._timed_rate = rate
 
     def beat(self) -> None:
         """The next step is due, by the `rate`; it is made as soon as all actions are there.
 
-        Bodies get their goals before. A step with late bodies does not wait for another beat.
+        A step with late bodies does not wait for another beat.
         """
-        self._beat = True
-        self._advance_where_due()
-
-    def _advance_where_due(self) -> None:
-        """Make the step if all actions are there; bodies first get goals, and must arrive."""
-        if self._held or self._stopped or not self.lockstep.complete:
-            return
-        there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
-        rated = self.values["rate"] > 0
-        due = self._single or self._beat or not rated
-        if not there or not due:
-            return
-        self._single = False
-        self._beat = False
-        self.lockstep.advance()
-        self._end_when_finished()
-        if self._paused:  # after a single step, on whose way the bodies were
-            self._say()
-        if rated:
-            self._show()
-
-    def _end_when_finished(self) -> None:
-        if self.lockstep.finished and not self.done:
-            self.done = True
-            self.speed.end(time.monotonic())
-            self._report(time.monotonic())
+        self._happens(Event.DUE)
 
     # Saving and reports.
 
@@ -377,13 +382,14 @@ class WorldSimulator(ParameterNode):
 
     def finish(self, *, interrupted: bool) -> None:
         """Publish the last status, write summary and history, and wait for the readers."""
-        self._stopped = True
+        under_way = self.state in (*UNDER_WAY, State.FINISHED)
+        self._happens(Event.END)
         if self._output is None:
             return
         if interrupted and not self.done:
             self.speed.end(time.monotonic())
             self._say()
-        if self.speed.begun and not self.lockstep.held:
+        if under_way:
             self._save(self.lockstep.world.step)
         self._output.save(self._write_outcome)
         wait_for_readers(self.publishers)
@@ -430,6 +436,9 @@ class WorldSimulator(ParameterNode):
                 f"{done:>5}  {world.transitions} of "
                 f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}"
             )
+            left = run.scenario.steps - world.transitions
+            if left and rate:
+                line += f", about {in_time(left / rate)} left"
             if can_miscoordinate(interactions_of(run.scenario)):
                 count = world.miscoordinations
                 what = "miscoordination" if count == 1 else "miscoordinations"

@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
+from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
-from sparse_coord_ros.core.game.world import Action, Reward, World
+from sparse_coord_ros.core.game.world import Reward, World
 from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RunConfig
 from sparse_coord_ros.protocol.lockstep.timeouts import Silence
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.messages import Converter, status
+from sparse_coord_ros.ros.nodes.messages import messages_of, status
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.scene import ScenePublisher
 
@@ -31,10 +32,11 @@ class WorldTopics:
         save: the port's `checkpoint`.
 
     Attributes:
-        convert: converts between time steps and cells, and messages.
+        messages: the run's messages.
         silence: the robots' silence since the time step began.
         report: publishes diagnostics.
-        clock: the publisher of the clock; states, rewards: the publishers for each robot.
+        newest: the newest action of each robot, whose question is shown.
+        states, rewards: the publishers for each robot.
         actions: the subscription to each robot's actions.
     """
 
@@ -50,16 +52,20 @@ class WorldTopics:
         self._game = game
         self.silence = Silence(time.monotonic())
         self.checkpoint = save
-        self.convert = Converter(run)
-        self._names = self.convert.names
+        self.messages = messages_of(run)
+        self._names = self.messages.names
         self._clock_step = -1
         self._run_publisher = node.announce(ros_topics.RUN)
         self._status_publisher = node.announce(ros_topics.STATUS)
-        self.clock = node.announce(ros_topics.clock_of(run))
+        self._clock: Publisher | None = None
+        if run.clock == OWN_CLOCK:
+            self._clock = node.announce(ros_topics.CLOCK)
         self._map_publisher = node.announce(ros_topics.MAP)
-        self._marker_publisher = node.announce(ros_topics.MARKERS)
         # Bodies have transforms of their own.
-        self._scene = ScenePublisher(node, self.convert, frames=not run.bodies)
+        self._scene = ScenePublisher(
+            node, run.scenario, self.messages, frames=not run.bodies
+        )
+        self.newest = self._scene.actions
         self.report = node.reporter("run")
         self.states = [
             node.announce(ros_topics.LOCAL_STATE, name) for name in self._names
@@ -67,19 +73,14 @@ class WorldTopics:
         self.rewards = [node.announce(ros_topics.REWARD, name) for name in self._names]
         self.actions: list[Any] = []
 
-    def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
+    def hear_actions(self, then: Callable[..., None]) -> None:
         """Call `then` with a robot's number and the content of its actions."""
-        listen = self._node.subscriber.listen
-        for k, name in enumerate(self._names):
-            read = partial(self._read_action, k)
-            self.actions.append(
-                listen(ros_topics.ACTION, partial(then, k), name, unpack=read)
-            )
-
-    def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
-        said = self.convert.unpack_action(data)
-        self._scene.actions[robot] = data
-        return said
+        listen = self._node.subscriber.listen_packed
+        unpack = self.messages.unpack_action
+        self.actions = [
+            listen(ros_topics.ACTION, unpack, partial(then, k), name)
+            for k, name in enumerate(self._names)
+        ]
 
     # The port of the lock step.
 
@@ -88,17 +89,13 @@ class WorldTopics:
         if step != self._clock_step:
             self._clock_step = step
             self.silence.begin(time.monotonic())
-            self.clock.publish(self.convert.pack_clock(step))
-        self.states[robot].publish(self.convert.pack_state(step, cell))
+            if self._clock is not None:
+                self._clock.publish(self.messages.pack_clock(step))
+        self.states[robot].publish(self.messages.pack_state(step, cell))
 
     def reward(self, robot: int, step: int, reward: Reward) -> None:
         """Publish the reward of a robot's action at a time step."""
-        self.rewards[robot].publish(self.convert.pack_reward(step, reward))
-
-    def episode(self, step: int) -> None:
-        """Publish map and markers at an episode's beginning."""
-        self._map_publisher.publish(self.convert.pack_map(step))
-        self.show(scene=False)
+        self.rewards[robot].publish(self.messages.pack_reward(step, reward))
 
     # Subscribers of the world, and publishers to it.
 
@@ -111,8 +108,6 @@ class WorldTopics:
         missing = []
         for k, (name, action) in enumerate(zip(self._names, self.actions, strict=True)):
             heard = [self.rewards[k], self.states[k]]
-            if self._run.sees_all:
-                heard = [self.rewards[k], *self.states]
             ends = [one.topic_name for one in heard if not heard_by(one, name)]
             lacks = [f"a subscription to {topic}" for topic in ends]
             if action.get_publisher_count() == 0:
@@ -121,7 +116,7 @@ class WorldTopics:
                 missing.append(
                     f"{name} (it lacks {lacks[0]})" if len(lacks) == 1 else name
                 )
-        said = [self.clock, *self.states, *self.rewards]
+        said = [*self.states, *self.rewards]
         if self._run.recorded and not all(heard_by(one, RECORDER) for one in said):
             missing.append(RECORDER)
         return missing
@@ -137,9 +132,9 @@ class WorldTopics:
         self._clock_step = -1
 
     def open(self, *, resumed: bool) -> None:
-        """Publish the run."""
+        """Publish the run, its map and markers; of a new run also the robots' first places."""
+        self.show_floor()
         if not resumed:
-            self.episode(0)
             self.show()
         self._run_publisher.publish(String(data=self._run.to_yaml()))
 
@@ -159,14 +154,16 @@ class WorldTopics:
         message = status(self._run.scenario.name, state, said.values())
         self._status_publisher.publish(message)
 
-    def show(self, *, scene: bool = True, always: bool = False) -> None:
-        """Publish the robots' places; the scene is limited in rate unless `always`."""
+    def show_floor(self) -> None:
+        """Publish map and markers: when the world opens, and when a recorder has begun."""
         step = self._game.step
-        cells = self._game.cells
-        stamp = self._ros_time()
-        self._marker_publisher.publish(self.convert.pack_markers(stamp, cells))
-        if scene:
-            self._scene.publish(step, cells, stamp, always=always)
+        self._map_publisher.publish(self.messages.pack_map(step))
+        self._scene.show_floor(self._ros_time())
+
+    def show(self, *, always: bool = False) -> None:
+        """Publish the robots' places for people; limited in rate unless `always`."""
+        game = self._game
+        self._scene.publish(game.step, game.cells, self._ros_time(), always=always)
 
     def _ros_time(self) -> tuple[int, int]:
         """Return the ROS time of the viewers, as (sec, nanosec).
@@ -175,6 +172,6 @@ class WorldTopics:
         another clock, the system's or a simulator's, and the run's times would be long past by it.
         """
         if self._run.clock == OWN_CLOCK:
-            return self.convert.stamp(self._game.step)
+            return self.messages.stamp(self._game.step)
         sec, nanosec = self._node.get_clock().now().seconds_nanoseconds()
         return sec, nanosec

@@ -24,8 +24,7 @@ from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.window import Episodes
 from sparse_coord_ros.protocol.wire import PerceptEnd
-from sparse_coord_ros.protocol.wire.frame import Frame
-from sparse_coord_ros.protocol.wire.occupancy import OCCUPIED, OccupancyData
+from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
     CROSSING,
@@ -90,7 +89,7 @@ class KeySteps:
         self._run = run
         self._episodes = 0
         self._near = near_doorways(run.scenario.map)
-        self._places = OccupancyData(Frame(run)).places
+        self._places = Messages(run).places
 
     def add(self, part: Episodes) -> None:
         """Take in a part of the log."""

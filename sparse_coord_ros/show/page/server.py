@@ -27,6 +27,7 @@ from sparse_coord_ros.base.errors import (
     RunError,
     SettingError,
     SparseCoordError,
+    in_line,
     needed,
 )
 from sparse_coord_ros.core.game.scenario import scenario_names
@@ -47,11 +48,16 @@ MOST_OTHERS = 64
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
 
-HOST_HEADER = re.compile(r"(\[(?P<address>[^\[\]]+)\]|(?P<name>[^\[\]:@/]+))(:[0-9]*)?")
+HOST_HEADER = re.compile(
+    r"(\[(?P<address>[^\[\]]+)\]|(?P<name>[^\[\]:@/]+))(?P<port>:[0-9]*)?"
+)
 """A name, or an address (one of IPv6 in brackets), and perhaps a port."""
 
 FRAMES_A_SECOND = 20
 """Messages of one type that a page gets at most in a second."""
+
+MOST_REFUSALS = 10
+"""Different refusals that the terminal shows."""
 
 HEARTBEAT_SECONDS = 20.0
 TYPES = {
@@ -111,7 +117,8 @@ class Page:
         self._local = is_loopback(host)
         self._names = {"localhost", host.lower()}
         if not self._local:
-            self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
+            self._names |= own_names()
+        self._refused: set[str] = set()
         folder = resources.files("sparse_coord_ros.show.page") / "static"
         self.files = {one.name: one.read_bytes() for one in folder.iterdir()}
         self.app = web.Application(
@@ -132,7 +139,7 @@ class Page:
         if parts is None:
             return False
         name = parts["name"] or parts["address"]
-        if name in self._names:
+        if name.lower().removesuffix(".") in self._names:
             return True
         with suppress(ValueError):  # it is no address
             address = ipaddress.ip_address(name)
@@ -147,14 +154,28 @@ class Page:
     ) -> web.StreamResponse:
         host = request.headers.get("Host", "").lower()
         if not self.allowed(host):
-            raise web.HTTPForbidden(text="refused: the request names another host\n")
+            raise self._refusal(f"the request is for host {host!r}", _port_of(host))
         own = (f"http://{host}", f"https://{host}")
         same = request.headers.get("Sec-Fetch-Site", "none") in ("same-origin", "none")
         if not same or request.headers.get("Origin", own[0]).lower() not in own:
-            raise web.HTTPForbidden(
-                text="refused: the request comes from another origin\n"
-            )
+            origin = request.headers.get("Origin", "another site")
+            raise self._refusal(f"the request comes from {origin!r}", _port_of(host))
         return await handler(request)
+
+    def _refusal(self, what: str, port: str) -> web.HTTPForbidden:
+        """Return a refusal with its remedy; the terminal shows each one once."""
+        remedy = f"open http://localhost{port}/, or start it with --host 0.0.0.0"
+        if not self._local:
+            own = socket.gethostname()
+            remedy = (
+                f"open http://{own}{port}/, or the machine's address, or start it with "
+                "--host NAME"
+            )
+        text = in_line(f"refused: {what}; {remedy}")
+        if text not in self._refused and len(self._refused) < MOST_REFUSALS:
+            self._refused.add(text)
+            LOGGER.warning("%s", text)
+        return web.HTTPForbidden(text=f"{text}\n")
 
     async def _file(self, request: web.Request) -> web.Response:
         name = request.path[1:] or self._index
@@ -285,6 +306,20 @@ def _pointed_at(board: MessageBoard, value: Any) -> dict[str, Any]:
 
 async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
     response.headers.update(HEADERS)
+
+
+def own_names() -> set[str]:
+    """Return the names by which other machines may know this one, in lower case."""
+    host = socket.gethostname().lower()
+    short = host.partition(".")[0]
+    domains = {"local", "lan", "home", "internal", "home.arpa"}
+    return {host, socket.getfqdn().lower(), short} | {f"{short}.{d}" for d in domains}
+
+
+def _port_of(host: str) -> str:
+    """Return the port in a `Host`, with its colon, or an empty text."""
+    parts = HOST_HEADER.fullmatch(host)
+    return "" if parts is None else parts["port"] or ""
 
 
 def is_loopback(host: str) -> bool:

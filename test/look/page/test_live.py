@@ -125,7 +125,7 @@ def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():
 
 def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     """Of robots that learned alone, whose episodes come one robot after the other, too."""
-    recorder = HistoryRecorder(2)
+    recorder = HistoryRecorder(load_scenario("env1"))
     outcome = StepOutcome((Reward(-1.0, 0.0, 0.0, -1.0),) * 2, False, (0,), False)
     for episode in range(1000):
         actions = (Action(1, episode % 2 == 0, 1, False), Action(1, False, -1, False))

@@ -4,6 +4,7 @@
 
 import asyncio
 import json
+import logging
 import re
 import socket
 import struct
@@ -38,6 +39,7 @@ from sparse_coord_ros.show.page.controls import (
 from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import (
     LARGEST_MESSAGE,
+    LOGGER,
     MOST_OTHERS,
     MOST_PAGES,
     TYPES,
@@ -177,7 +179,32 @@ async def test_other_hosts_and_origins_are_refused(client, page):
 def test_an_address_for_other_machines_is_called_by_addresses_not_by_foreign_names():
     page = Page(MessageBoard(), host="0.0.0.0")
     assert page.allowed("192.168.1.4:8765") and page.allowed("localhost:8765")
-    assert page.allowed(socket.gethostname()) and not page.allowed("evil.example:8765")
+    own = socket.gethostname()
+    short = own.partition(".")[0]
+    for name in (own, own.upper(), f"{short}.local:8765", f"{short}.local."):
+        assert page.allowed(name.lower()), name
+    for name in ("evil.example:8765", f"{short}.evil.example", "other.local"):
+        assert not page.allowed(name), name
+
+
+@served
+async def test_a_refusal_says_the_remedy_and_the_terminal_shows_it_once(client, page):
+    said = []
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())
+    LOGGER.addHandler(handler)
+    try:
+        for name in ("evil.example:81", "evil.example:81", "own.example"):
+            answer = await client.get("/", headers={"Host": name})
+            assert "or start it with --host 0.0.0.0" in await answer.text()
+    finally:
+        LOGGER.removeHandler(handler)
+    assert said == [
+        "refused: the request is for host 'evil.example:81'; open http://localhost:81/, or start "
+        "it with --host 0.0.0.0",
+        "refused: the request is for host 'own.example'; open http://localhost/, or start it with "
+        "--host 0.0.0.0",
+    ]
 
 
 @served
