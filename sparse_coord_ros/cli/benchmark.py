@@ -29,8 +29,8 @@ OPTIONS = (
     Option(
         "--lists LIST...",
         None,
-        "lists of scenarios",
-        {"choices": tuple(LISTS), "default": TUNING},
+        f"lists of scenarios, or scenario files; lists: {', '.join(LISTS)}",
+        {"default": TUNING},
     ),
     Option("--steps", None, "learning steps (default: 1e5)"),
     shared.changes(
@@ -69,7 +69,7 @@ def execute(options: argparse.Namespace) -> None:
         {"standings": found},
         shared.format_table(head, [row_of(one) for one in found]),
         "share of the gap: from fixed shortest paths to the best asking team found (two robots;",
-        "no upper bound), or to an upper bound (more robots); ±: standard error",
+        "no upper bound), or to an upper bound (more robots, files); ±: standard error",
     )
 
 

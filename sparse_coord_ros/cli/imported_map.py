@@ -15,7 +15,13 @@ from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned, wall_direction
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS, IN_DOORWAYS
-from sparse_coord_ros.lab.maps.plan import Imported, import_map, places, scenario_of
+from sparse_coord_ros.lab.maps.plan import (
+    ASKEW,
+    Imported,
+    import_map,
+    places,
+    scenario_of,
+)
 
 CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
 RADIUS = Setting(
@@ -27,9 +33,6 @@ MAP_OPTIONS = ("cell", "radius", "doorway", "no_doorway", "corridors")
 
 AUTO = "auto"
 """The value of --turn for a grid along the walls."""
-
-LEAST_TURN = 0.5
-"""Degrees; walls that lie askew by less are left as they are."""
 
 DPI = 150
 """Of the picture."""
@@ -77,7 +80,7 @@ def along(plan: FloorPlan, turn: float | str) -> FloorPlan:
 
     Args:
         plan: the floor plan.
-        turn: the angle of the grid to it, in degrees; AUTO: that of its walls.
+        turn: the angle of the grid to it, in degrees; AUTO: that of its walls, from `ASKEW` on.
 
     Raises:
         MapError: the walls have no main direction.
@@ -89,7 +92,7 @@ def along(plan: FloorPlan, turn: float | str) -> FloorPlan:
         raise MapError(
             f"map {plan.name}: its walls have no main direction; give --turn in degrees"
         )
-    return turned(plan, yaw) if abs(math.degrees(yaw)) >= LEAST_TURN else plan
+    return turned(plan, yaw) if abs(math.degrees(yaw)) >= ASKEW else plan
 
 
 def make(options: argparse.Namespace, plan: FloorPlan) -> ImportedMap:

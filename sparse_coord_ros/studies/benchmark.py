@@ -4,6 +4,7 @@
 
 A scenario's gap lies between robots on fixed shortest paths, which ignore each other, and its top:
 of two robots the best asking team found, which is no upper bound, of more a shipped upper bound.
+Of a scenario file that is none of these an upper bound is computed.
 Where percepts fail the top is that of sure percepts.
 """
 
@@ -20,7 +21,7 @@ from sparse_coord_ros.core.game.scenario import PROTOCOL, SETTINGS
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.registry import LearnerLike, chosen_learner
 from sparse_coord_ros.core.runs.measures import standard_error
-from sparse_coord_ros.core.solve.shipped import known_top
+from sparse_coord_ros.core.solve.shipped import known_optimum, known_top
 from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.lists import (
@@ -73,7 +74,7 @@ def benchmark(
         learners: a learner, or several.
         lists: names of lists (`studies.lists.LISTS`): paper, percepts, and generated buildings:
             "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
-            with "validation", and with "unseen2" for closing figures.
+            with "validation", and with "unseen2" for closing figures; or scenario files.
         steps: learning steps of each robot.
         out: results directory, as of `run_experiment`; None: nothing is saved.
         runs: teams that learn in each scenario.
@@ -195,10 +196,10 @@ def standing(
 
 
 def _top(result: ConditionResult) -> float:
-    """Return where the gap of a scenario ends."""
-    top = known_top(result.scenario.with_settings({"perception": "always"}))
-    assert top is not None  # shipped for every scenario of the lists
-    return top
+    """Return where the gap of a scenario ends; of a scenario file an upper bound is computed."""
+    sure = result.scenario.with_settings({"perception": "always"})
+    top = known_top(sure)
+    return known_optimum(sure).value if top is None else top
 
 
 def pooled_share(

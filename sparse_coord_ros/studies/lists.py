@@ -21,6 +21,9 @@ from sparse_coord_ros.core.game.unseen import (
 )
 from sparse_coord_ros.core.solve.shipped import unseen_buildings
 
+FILES = (".yaml", ".yml")
+"""The ends of the names of scenario files."""
+
 PENALTY = -100
 """r^C in every list."""
 
@@ -108,13 +111,14 @@ TUNING = tuple(name for name in LISTS if name.startswith("tuning"))
 
 
 def items_of(names: Sequence[str]) -> dict[str, tuple[Item, ...]]:
-    """Return lists by their names.
+    """Return lists by their names; a scenario file is a list of its one scenario.
 
     Raises:
         SettingError: unknown list.
     """
-    unknown = [name for name in names if name not in LISTS]
+    unknown = [name for name in names if name not in LISTS and not name.endswith(FILES)]
     if unknown or not names:
         said = ", ".join(unknown) or "none"
-        raise SettingError(f"lists: value is {said}, allowed: {', '.join(LISTS)}")
-    return {name: LISTS[name] for name in names}
+        allowed = f"{', '.join(LISTS)}, or a scenario file"
+        raise SettingError(f"lists: value is {said}, allowed: {allowed}")
+    return {name: LISTS.get(name, (Item(name),)) for name in names}

@@ -12,6 +12,7 @@ from PIL import Image
 from sparse_coord_ros.base.share import share_file
 from sparse_coord_ros.core.game.grid import load_map, parse_map
 from sparse_coord_ros.core.game.scenario import load_scenario
+from sparse_coord_ros.studies.benchmark import benchmark
 
 ENV1 = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
 GOALS = ("--goal", "4.5,0.5", "0.5,0.5")
@@ -121,3 +122,56 @@ def test_a_bad_setting_is_refused_before_the_page_is_served(sparse_coord, plan):
     code, out, err = sparse_coord(*command)
     assert (code, out) == (2, "")
     assert "unknown value 'foo'" in err and err.count("\n") == 1
+
+
+ROOMS = (
+    "type octile\nheight 5\nwidth 9\nmap\n"
+    "@@@@@@@@@\n@...O...@\n@.......@\n@...@...@\n@@@@@@@@@\n"
+)
+
+
+def test_a_map_of_movingai_is_imported_and_judged(sparse_coord, folder):
+    (folder / "rooms.map").write_text(ROOMS)
+    robots = ("--start", "1.5,2.5", "7.5,2.5", "--goal", "7.5,2.5", "1.5,2.5")
+    code, out, _ = sparse_coord(
+        "import-map", "rooms.map", "--radius", "0.3", *robots, "--out", "r"
+    )
+    assert code == 0
+    assert "cells of 1 m, 1 doorway; lower left corner at 0,0 m" in out
+    (row,) = benchmark("voi", lists=["r/rooms.yaml"], runs=2, steps=2000)
+    assert (row["list"], row["teams"]) == ("r/rooms.yaml", 2)
+    assert row["share"] < 1.0
+
+
+def test_a_turned_building(sparse_coord, folder):
+    """The grid lies along the walls, and places stay those of the robots' map."""
+    from scipy import ndimage
+
+    pixels = np.full((120, 200), 254, np.uint8)
+    pixels[[0, 1, 118, 119]] = pixels[:, [0, 1, 198, 199]] = 0
+    pixels[:, 99:102] = 0
+    pixels[50:68, 99:102] = 254
+    pixels = ndimage.rotate(pixels, 20, order=0, cval=205)
+    Image.fromarray(pixels).save(folder / "askew.png")
+    (folder / "askew.yaml").write_text(
+        "image: askew.png\nresolution: 0.05\norigin: [500123.25, 10, 0]\n"
+        "free_thresh: 0.196\noccupied_thresh: 0.65\n"
+    )
+    command = ("import-map", "askew.yaml", "--radius", "0.2", "--json")
+    said = json.loads(sparse_coord(*command, "--out", "a")[1])
+    assert any("the walls lie at" in note for note in said["notes"])
+    code, out, _ = sparse_coord(*command, "--turn", "auto", "--out", "b")
+    assert code == 0
+    said = json.loads(out)
+    assert said["doorways"] == 1
+    assert said["resolution"] == 0.5
+    assert said["origin"][2] == pytest.approx(np.radians(20), abs=0.01)
+    grid = load_map(str(folder / "b" / "askew.txt"))
+    x, y = grid.squares.centre(*said["doorway_cells"][0])
+    high, wide = pixels.shape
+    assert x == pytest.approx(500123.25 + wide * 0.025, abs=0.5)
+    assert y == pytest.approx(10 + high * 0.025, abs=0.5)
+    code, out, _ = sparse_coord("maps", "b/askew.txt")
+    assert "turned by " in out and "lower left corner at 500" in out
+    _, _, err = sparse_coord(*command, "--turn", "left", "--out", "c")
+    assert "'left' is no angle, allowed: auto, or degrees counterclockwise" in err

@@ -84,3 +84,13 @@ def test_a_room_that_is_two_cells_wide_is_no_passage(rows, found):
     free = np.array([[sign != "#" for sign in row] for row in rows.split()])
     assert two_wide(free) == found
     assert two_wide(free.T) == [(column, row) for row, column in found]
+
+
+def test_corridors_need_no_dust():
+    """Doorways that the user asks for have nothing to do with spots."""
+    walls = two_rooms(gap=16)
+    walls[30:46, 60:81] = False
+    walls[:30, 60:81] = walls[46:, 60:81] = True
+    done = import_map(plan_of(walls), cell=0.5, radius=0.2, corridors=True)
+    assert len(done.grid.doorways) > 1
+    assert done.dusty == ()

@@ -26,6 +26,9 @@ BAND = 2.0
 CLEAR_DIRECTION = 1.25
 """How much better the main direction must explain the walls than the median direction."""
 
+WALL_SHARE = 0.3
+"""Where less of what borders on free space is occupied, the rest shows walls, too."""
+
 FEWEST_POINTS = 50
 """Pixels of walls; fewer show no direction."""
 
@@ -40,8 +43,7 @@ class FloorPlan:
         occupied: pixels known to be occupied; all other pixels are unknown.
         resolution: metres per pixel.
         origin: the pose of the image's lower left corner; its rows lie along the yaw.
-        doubtful: share of the free pixels with the grey that map_saver writes for unknown.
-        transparent: share of the pixels that are transparent, and not free.
+        remarks: warnings about the pixels, one line each.
     """
 
     path: Path
@@ -49,8 +51,7 @@ class FloorPlan:
     occupied: np.ndarray
     resolution: float
     origin: Pose
-    doubtful: float = 0.0
-    transparent: float = 0.0
+    remarks: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -124,10 +125,10 @@ def wall_direction(plan: FloorPlan) -> float | None:
 
 def _wall_points(plan: FloorPlan) -> np.ndarray:
     """Return (x, y) in pixels of walls beside free space, shape (points, 2)."""
-    beside = ndimage.binary_dilation(plan.free, np.ones((3, 3)))
-    walls = plan.occupied & beside
-    if walls.sum() < FEWEST_POINTS:
-        walls = ~plan.free & beside
+    edges = ~plan.free & ndimage.binary_dilation(plan.free, np.ones((3, 3)))
+    walls = plan.occupied & edges
+    if walls.sum() < WALL_SHARE * edges.sum():  # walls are grey
+        walls = edges
     down, across = np.nonzero(walls)
     points = np.column_stack([across, -down]).astype(np.float64)
     if len(points) > MOST_POINTS:

@@ -7,6 +7,7 @@ import io
 import math
 import os
 import warnings
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -93,6 +94,22 @@ DEFAULT_READING = _Reading(
     occupied_thresh=FIELDS["occupied_thresh"].default,
     free_thresh=FIELDS["free_thresh"].default,
 )
+
+
+class _Pixels(NamedTuple):
+    """The pixels of an image.
+
+    Attributes:
+        brightness: the sum of the colour channels, shape (rows, columns), integers.
+        channels: their number.
+        most: the largest value of a channel: 255, or 65,535 of images of 16 bits.
+        opacity: 0 to 255, shape (rows, columns); None: the image has no transparency.
+    """
+
+    brightness: np.ndarray
+    channels: int
+    most: int
+    opacity: np.ndarray | None
 
 
 def read_floor_plan(path: Path) -> FloorPlan:
@@ -241,30 +258,38 @@ def _floor_plan(
     """
     pixels = _pixels(image)
     free, occupied = _kinds(pixels, reading)
-    grey = pixels.brightness == UNKNOWN_GREY * pixels.channels
-    clear = np.zeros_like(free) if pixels.opacity is None else pixels.opacity < OPAQUE
-    transparent = float((clear & ~free).mean())
+    remarks = tuple(_remarks(pixels, free, reading))
     if not free.any():
-        raise MapError(f"{image}: no pixel is free; {_why_none(transparent, reading)}")
-    return FloorPlan(
-        path,
-        free,
-        occupied,
-        resolution,
-        origin,
-        doubtful=float(grey[free].mean()),
-        transparent=transparent,
-    )
+        why = remarks[0] if remarks else _why_none(reading)
+        raise MapError(f"{image}: no pixel is free; {why}")
+    return FloorPlan(path, free, occupied, resolution, origin, remarks)
 
 
-def _why_none(transparent: float, reading: _Reading) -> str:
-    """Return why no pixel is free, and the remedy."""
-    if transparent >= LEAST_SHARE:
-        share = percent(transparent, whole=True)
-        return (
-            f"{share} of the pixels are transparent, and count as unknown or occupied: fill "
-            f"them with {'black' if reading.negate else 'white'}"
+def _remarks(pixels: _Pixels, free: np.ndarray, reading: _Reading) -> Iterator[str]:
+    """Yield warnings about pixels, one line each."""
+    opacity = pixels.opacity
+    if opacity is not None:
+        transparent = float(((opacity < OPAQUE) & ~free).mean())
+        if transparent >= LEAST_SHARE:
+            yield (
+                f"{percent(transparent, whole=True)} of the pixels are transparent, and count as "
+                "unknown or occupied: where they are free, fill them with "
+                f"{'black' if reading.negate else 'white'}"
+            )
+    grey = free & (pixels.brightness == UNKNOWN_GREY * pixels.channels)
+    doubtful = float(grey.sum()) / max(1, int(free.sum()))
+    if doubtful >= LEAST_SHARE:
+        remedy = "set free_thresh to 0.196 in the YAML file"
+        if opacity is not None:
+            remedy += ", and save the image without opacity, which counts as brightness"
+        yield (
+            f"{percent(doubtful, whole=True)} of the free pixels have grey {UNKNOWN_GREY}, which "
+            f"map_saver writes for unknown: where they are unknown, {remedy}"
         )
+
+
+def _why_none(reading: _Reading) -> str:
+    """Return why no pixel is free, and the remedy."""
     return (
         f"free is what is {'darker' if reading.negate else 'brighter'} than a share of "
         f"{1.0 - reading.free_thresh:g} (1 - free_thresh); check negate, mode and the thresholds"
@@ -280,22 +305,6 @@ def floor_plan_of(grid: GridMap) -> FloorPlan | None:
         yaw = math.remainder(grid.origin.yaw - plan.origin.yaw, math.tau)
         return turned(plan, yaw) if abs(yaw) > LEVEL else plan
     return None
-
-
-class _Pixels(NamedTuple):
-    """The pixels of an image.
-
-    Attributes:
-        brightness: the sum of the colour channels, shape (rows, columns), integers.
-        channels: their number.
-        most: the largest value of a channel: 255, or 65,535 of images of 16 bits.
-        opacity: 0 to 255, shape (rows, columns); None: the image has no transparency.
-    """
-
-    brightness: np.ndarray
-    channels: int
-    most: int
-    opacity: np.ndarray | None
 
 
 def _kinds(pixels: _Pixels, reading: _Reading) -> tuple[np.ndarray, np.ndarray]:

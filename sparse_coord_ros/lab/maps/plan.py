@@ -11,13 +11,11 @@ import numpy as np
 from scipy import ndimage
 
 from sparse_coord_ros.base.errors import MapError, ScenarioError
-from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.pose import Pose, Squares, metres
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.lab.maps import gridding
 from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, wall_direction
-from sparse_coord_ros.lab.maps.image import LEAST_SHARE, UNKNOWN_GREY
 from sparse_coord_ros.lab.maps.passages import narrow_corridors
 
 Place = tuple[float, float]
@@ -64,7 +62,7 @@ NEAR_SIZES = 5
 """So many of the first sizes are compared; of the others the first one that works is taken."""
 
 ASKEW = 3.0
-"""Degrees between walls and grid from which on a note says so."""
+"""Degrees between walls and grid from which on doorways are lost."""
 
 FURTHEST_SHARE = 0.3
 """The value of arriving at the furthest start, as a share of its value at the goal."""
@@ -162,10 +160,11 @@ def import_map(
         )
     longest = 2 * radius + WALL_THICKNESS + cell
     run = max(1, math.floor(longest / cell + 1e-9))
-    found = gridding.across(free, run)
+    across = gridding.across(free, run)
     narrow = narrow_corridors(free)
+    found = across
     if corridors:
-        found = np.where(narrow > 0, found.max() + narrow, found)
+        found = np.where(narrow > 0, across.max() + narrow, across)
     doors = _doorways(frame, found, doorway, no_doorway)
     symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))
     # Nothing but walls around the map is of use: a border of one cell stays.
@@ -199,12 +198,13 @@ def import_map(
         plan, space, layout, cell / plan.resolution, radius
     )
     only_free = free & ~bare
-    only_doors = free & (found > 0) & (gridding.across(bare & free, run) == 0)
+    only_doors = (across > 0) & (gridding.across(bare & free, run) == 0)
     dusty = [frame.centre(tuple(one)) for one in np.argwhere(only_free | only_doors)]
     notes = [
         *_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide),
         *_dust_notes(space, frame, only_free, only_doors),
-        *_pixel_notes(plan, cell, radius),
+        *plan.remarks,
+        *_size_notes(cell, radius),
         *_direction_notes(plan),
     ]
     return Imported(
@@ -357,20 +357,8 @@ def _doorways(
     return doors
 
 
-def _pixel_notes(plan: FloorPlan, cell: float, radius: float) -> Iterator[str]:
-    """Yield warnings about an image or the sizes, one line each."""
-    if plan.doubtful >= LEAST_SHARE:
-        share = percent(plan.doubtful, whole=True)
-        yield (
-            f"{share} of the free pixels have grey {UNKNOWN_GREY}, which map_saver "
-            "writes for unknown: where they are unknown, set free_thresh to 0.196 in the YAML file"
-        )
-    if plan.transparent >= LEAST_SHARE:
-        share = percent(plan.transparent, whole=True)
-        yield (
-            f"{share} of the pixels are transparent, and count as unknown or occupied: where they "
-            "are free, fill them with white"
-        )
+def _size_notes(cell: float, radius: float) -> Iterator[str]:
+    """Yield a warning if cells are small for a robot."""
     narrow = radius / (0.5 - CLEAR)
     if cell < narrow:
         yield (

@@ -14,7 +14,7 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.log.bags import segments
 from sparse_coord_ros.log.bags.reader import Bag, Message
-from sparse_coord_ros.protocol.wire.frame import SECOND
+from sparse_coord_ros.protocol.wire.messages import SECOND
 
 LEAST_GAP = 5 * SECOND
 GAP_STEPS = 20

@@ -132,14 +132,17 @@ class WorldSimulator(ParameterNode):
     def _happens(self, event: Event | None = None) -> None:
         """Change the state by an event, if any, and make the time step that is due.
 
-        Bodies first get goals, and must arrive.
+        Bodies first get goals, and must arrive: they drive while the world rests.
         """
         if event is not None:
             self.state = next_state(self.state, event)
         side = self.lockstep
-        if self.state not in MOVING or not side.complete:
+        moving = self.state in MOVING
+        if not (moving or self.state is State.RESTING) or not side.complete:
             return
         if self.bodies is not None and not self.bodies.side.made(side.actions):
+            return
+        if not moving:
             return
         side.advance()
         if self.state is State.STEPPING:
