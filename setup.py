@@ -41,12 +41,9 @@ setup(
         (
             f"share/{PACKAGE}/config",
             glob("config/*.yaml")
+            + glob("config/fastdds*.xml")
             + [
-                "config/fastdds.xml",
-                "config/fastdds_localhost.xml",
                 "config/sros2_policy.xml",
-            ]
-            + [
                 "config/asking_teams.json",
                 "config/best_teams.json",
                 "config/bounds.json",

@@ -5,7 +5,7 @@
 python test/chaos.py [--runs N] [--seed S] [--keep FOLDER]
 
 Run S + i is drawn from that number: a team of processes (world, two robots, recorder), and what
-happens to them at which time steps: SIGKILL and a start with `resume:=true`, to one of them or to
+happens to them at which time steps: SIGKILL and a start with the same words, to one of them or to
 all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tables are to be those
 of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
 to say "identical"; where a recorder was killed or stopped, its recording may lack something.
@@ -132,17 +132,14 @@ class Team:
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self.codes: list[tuple[str, int]] = []
         for name in NODES:
-            self.start(name, resume=False, dies=(dies or {}).get(name, ()))
+            self.start(name, dies=(dies or {}).get(name, ()))
 
-    def start(self, name: str, *, resume: bool, dies: Sequence[str] = ()) -> None:
+    def start(self, name: str, dies: Sequence[str] = ()) -> None:
         """Start a node; where it is to die in a function, with the arguments of `dying.py`."""
         given: dict[str, object] = {}
         if name == WORLD:
-            given |= {"rate": self._plan.rate}
-        if resume:
-            given["resume"] = "true"
-        elif name == WORLD:
             given |= {
+                "rate": self._plan.rate,
                 "scenario": "env1",
                 "steps": self._plan.steps,
                 "perception": "probability:0.7",
@@ -220,7 +217,7 @@ class Team:
             self.kill(alive)
             time.sleep(fault.seconds)
             for name in alive:
-                self.start(name, resume=True)
+                self.start(name)
 
 
 BEGUN = " robots, "

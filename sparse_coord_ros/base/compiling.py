@@ -193,7 +193,9 @@ def jit(
     compiler = numba()
     for function, known in list(_jitable.items()):
         if not known:
-            compiler.extending.register_jitable(**OPTIONS)(function)
+            # A wrong index of a user's own function would write anywhere.
+            checked = {"boundscheck": _is_the_users(function)}
+            compiler.extending.register_jitable(**OPTIONS, **checked)(function)
             _jitable[function] = True
     place = folder(rule)
     config = vars(compiler.config)

@@ -28,7 +28,7 @@ from sparse_coord_ros.ros.nodes.environment import (
     DOMAIN,
     ros_domain,
 )
-from sparse_coord_ros.ros.nodes.outputs import gather
+from sparse_coord_ros.ros.nodes.outputs import gather, holds_run
 from sparse_coord_ros.ros.nodes.parameters import of_node, team_values
 from sparse_coord_ros.ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.ros.nodes.team import run_team, team_run
@@ -96,7 +96,7 @@ def sole_team() -> socket.socket:
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
     run = team_run(values)
     out = Path(values["out"])
-    if not values["resume"]:
+    if not holds_run(values["out"]):
         create_output(out)
     bag = out / BAG_DIRECTORY
     kinds = {WORLD: WORLD, **{robot.name: "robot" for robot in run.scenario.robots}}

@@ -114,7 +114,8 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     if options.resume is not None:
         shared.nothing_else_given(options)
         out = options.resume
-        values = {"resume": True, "scenario": ""}
+        load_run(out)  # an error in one line where there is none
+        values: dict[str, Any] = {"scenario": ""}
     else:
         scenario = shared.scenario_of(options)
         out = shared.output_directory(options, scenario.name)

@@ -4,7 +4,7 @@
 
 An argument wins over the parameter file, also if it equals the default. A misspelt value ends the
 launch in one line; a misspelt name gets a warning. Nodes go into the namespace in which the launch
-file was included. A failed team ends alone: the rest of a user's launch continues.
+file was included.
 """
 
 import sys
@@ -16,20 +16,12 @@ from typing import Any
 
 import launch.actions as actions
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown, matches_action
-from launch.events.process import ShutdownProcess
 from launch.launch_context import LaunchContext
 from launch.launch_description import LaunchDescription
 from launch.logging import get_logger
 from launch_ros.actions import Node
 
-from sparse_coord_ros.base.errors import (
-    EXIT_BAD_INPUT,
-    RunError,
-    SettingError,
-    did_you_mean,
-)
+from sparse_coord_ros.base.errors import RunError, SettingError, did_you_mean
 from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import PACKAGE
 from sparse_coord_ros.base.yaml_text import parse_yaml
@@ -37,7 +29,6 @@ from sparse_coord_ros.core.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.core.game.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.core.runs.run_config import OWN_CLOCK
-from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import CLOCK, RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
@@ -55,10 +46,11 @@ ARGUMENTS = SettingTable(
         ),
         Setting("set", str, "", "changed scenario settings: penalty=-20,steps=2000"),
         *(_WORLD[name] for name in (*OF_WORLD, "clock")),
-        Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
+        Setting(
+            *("out", str, ""),
+            "output directory, whose run goes on if it holds one; empty: <scenario>_<date>_<time>",
+        ),
         Setting("record", bool, True, "record the run to the bag OUT/bag"),
-        _WORLD["resume"],
-        Setting("respawn", bool, False, "start nodes that failed again, with resume"),
         Setting(
             "namespace", str, "", "of the team, below the one that the launch is in"
         ),
@@ -82,6 +74,9 @@ ARGUMENTS = SettingTable(
     ]
 )
 """Arguments of a team's launch. The parameter file sets arguments that are not given."""
+
+RESPAWN_SECONDS = 2.0
+"""Until a node that ended is started again: at a run's end the world has ended before."""
 
 
 def description(
@@ -116,31 +111,22 @@ def described(
         launch: returns the launch's actions, from the texts of the given arguments and the
             context. The parameter file may set the other arguments.
     """
-    given: dict[str, str] = {}
-
-    def keep_given(context: LaunchContext) -> None:
-        """Keep the given arguments before the defaults are filled in."""
-        found = context.launch_configurations
-        given.update({name: found[name] for name in arguments if found.get(name)})
 
     def go_on(context: LaunchContext) -> list[Any]:
-        """Launch, without the defaults: the next launch file would count them as given."""
-        for name in arguments.keys() - given.keys():
-            context.launch_configurations.pop(name, None)
+        found = context.launch_configurations
         if _is_own(file):
             warn_of_unknown(arguments)
-        return launch(given, context)
+        return launch({name: found[name] for name in arguments if found[name]}, context)
 
     declared = [
         actions.DeclareLaunchArgument(
             name,
-            default_value=None if one.default is None else _shown(one.default),
-            description=f"{one.help} (allowed: {one.allowed})",
+            default_value=None if one.default is None else "",
+            description=f"{one.help} (allowed: {one.allowed}{_default(one)})",
         )
         for name, one in arguments.items()
     ]
-    first, last = (actions.OpaqueFunction(function=one) for one in (keep_given, go_on))
-    return LaunchDescription([first, *declared, last])
+    return LaunchDescription([*declared, actions.OpaqueFunction(function=go_on)])
 
 
 def _is_own(file: str) -> bool:
@@ -202,26 +188,14 @@ class LaunchedTeam:
         self.scenario: Scenario = load_scenario(self.of_world("scenario"))
         _check_fitting(self.get("params_file"), sections, self.scenario)
         now = f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
-        self._out = out = self.get("out") or self._in_file.get("out") or now
-        self._resume = (
-            {"resume": True} if self.get("resume") and Path(out).exists() else {}
-        )
-        if Path(out).exists() and not self._resume:
-            remedy = "choose another, or continue that run: resume:=true"
-            raise RunError(
-                f"out: {out} exists already, nothing is overwritten; {remedy}"
-            )
-        if self._resume:
-            check_robots(Path(out), self.scenario)
+        self._out = self.get("out") or self._in_file.get("out") or now
         self.sim_time = self.get("use_sim_time")
         pushed = context.launch_configurations.get("ros_namespace", "")
         self._namespace = "/".join(
             filter(None, (pushed, self.get("namespace").strip("/")))
         )
         self.own_clock = self.of_world("clock") == OWN_CLOCK
-        self._running: dict[int, Node] = {}
         self._own = _is_own(file)
-        self._failed: list[str] = []
         self._settings = _typed(SETTINGS, changes)
         self.actions: list[Any] = []
 
@@ -248,7 +222,7 @@ class LaunchedTeam:
         Args:
             more: further parameters of the world; the argument `set` wins over them.
         """
-        own = {"out": self._out, **self._resume}
+        own = {"out": self._out}
         world = {name: self.of_world(name) for name in ("scenario", "clock")}
         world |= {**self.of(OF_WORLD), "recorded": self.get("record")}
         self.add(WORLD, {**own, **world, **more, **self._settings})
@@ -263,8 +237,8 @@ class LaunchedTeam:
         values: Mapping[str, Any],
         name: str = "",
         remapped: Iterable = (),
-    ) -> list[Any]:
-        """Add a node of the team, and return its launch action.
+    ) -> None:
+        """Add a node of the team.
 
         Args:
             executable: of this package.
@@ -283,44 +257,21 @@ class LaunchedTeam:
             parameters=parameters,
             remappings=[*self._remapped, *remapped],
             output="screen",
+            **self._at_end(executable),
         )
+        self.actions.append(node)
 
-        def ended(event: Any, context: LaunchContext) -> list[Any]:
-            del self._running[id(node)]
-            if event.returncode == 0 or context.is_shutdown:
-                return self._when_all_ended()
-            failed = f"{event.process_name} ended with exit code {event.returncode}"
-            if self.get("respawn") and event.returncode != EXIT_BAD_INPUT:
-                resume = {"resume": True} if "resume" in PARAMETERS[executable] else {}
-                again = self.add(executable, {**values, **resume}, name, remapped)
-                later = actions.TimerAction(period=1.0, actions=again)
-                return [actions.LogInfo(msg=f"{failed}: again"), later]
-            self._failed.append(failed)
-            return [
-                *(self._end() if executable == WORLD else ()),
-                *self._when_all_ended(),
-            ]
+    def _at_end(self, executable: str) -> dict[str, Any]:
+        """Return what happens when a node ends.
 
-        self._running[id(node)] = node
-        handler = OnProcessExit(target_action=node, on_exit=ended)
-        added = [node, actions.RegisterEventHandler(handler)]
-        self.actions += added
-        return added
-
-    def _end(self) -> list[Any]:
-        """Return the actions that end the team's other nodes, and the team's own launch."""
-        if self._own:
-            return [actions.EmitEvent(event=Shutdown(reason="no world"))]
-        left = map(matches_action, self._running.values())
-        return [
-            actions.EmitEvent(event=ShutdownProcess(process_matcher=one))
-            for one in left
-        ]
-
-    def _when_all_ended(self) -> list[Any]:
-        if self._own and self._failed and not self._running:
-            raise RunError("; ".join(self._failed))
-        return []
+        If the launch is the team's own, it ends with the world, and starts all others again.
+        Another launch file decides that for itself.
+        """
+        if not self._own:
+            return {}
+        if executable == WORLD:
+            return {"on_exit": actions.Shutdown(reason="the world has ended")}
+        return {"respawn": True, "respawn_delay": RESPAWN_SECONDS}
 
     def add_views(self) -> None:
         """Add RViz, and write Foxglove's layout, if the arguments request them.
@@ -404,9 +355,14 @@ def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, 
     return told | SettingTable(table.values()).parse(left)
 
 
-def _shown(default: Any) -> str:
-    """Return a default as the text of an argument."""
-    return str(default).lower() if isinstance(default, bool) else str(default)
+def _default(setting: Setting) -> str:
+    """Return a default as words of an argument's description."""
+    if setting.default in (None, ""):
+        return ""
+    default = setting.default
+    if isinstance(default, bool):
+        default = str(default).lower()
+    return f"; default: {default}"
 
 
 def _sections(file: str) -> dict[str, dict[str, Any]]:

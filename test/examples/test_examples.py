@@ -116,7 +116,7 @@ def test_own_rules_live_stopped_resumed_and_from_the_log(own, tmp_path):
         )
     assert first["interrupted"]
     with ros_context() as context:
-        run_team({"resume": True, "out": str(out)}, context=context)
+        run_team({"out": str(out)}, context=context)
     assert same_tables(out)
     assert verify(out).same
     scenario = load_scenario("env1", **SETTINGS)

@@ -70,6 +70,16 @@ def test_a_hook_is_a_plain_function(value):
         type("Mine", (Coop,), {"initial": value})
 
 
+def test_a_hook_draws_no_random_numbers_of_its_own():
+    """They would differ from run to run."""
+    with pytest.raises(TypeError, match="decide uses random, allowed: sc.rules.draw"):
+
+        class Mine(Coop):
+            @staticmethod
+            def decide(mind, task, k, step, cell):
+                return int(np.random.randint(4))
+
+
 class FirstMove:
     """A way to choose, for several learners."""
 
@@ -161,15 +171,28 @@ class Stray(Coop):
         return 0 if step < 3 else 4
 
 
+class Beside(Coop):
+    """It counts beside its arrays, likewise."""
+
+    @staticmethod
+    def decide(mind, task, k, step, cell):
+        mind.updates[k, cell, 0 if step < 3 else 5] += 1
+        return 0
+
+
+NO_ACTION = "it chose an action that it does not have"
+
 needs_numba = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 
 
-@pytest.mark.parametrize("learner", [Strange, Stray])
+@pytest.mark.parametrize(
+    ("learner", "words"),
+    [(Strange, NO_ACTION), (Stray, NO_ACTION), (Beside, "IndexError: ind")],
+)
 @pytest.mark.parametrize("engine", [pytest.param("numba", marks=needs_numba), "python"])
-def test_an_action_that_does_not_exist_is_refused(learner, engine):
-    """A compiled loop would write beside its arrays."""
+def test_nothing_is_written_beside_arrays(learner, words, engine):
     scenario = load_scenario("env1", steps=100)
-    with pytest.raises(PluginError, match="it chose an action that it does not have"):
+    with pytest.raises(PluginError, match=words):
         list(run_batch(scenario, learner, [3], trials=0, engine=engine))
 
 

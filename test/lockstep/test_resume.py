@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team that continues from its last common checkpoint: the tables of an unbroken run."""
 
+import math
 import os
 from types import SimpleNamespace
 
@@ -12,13 +13,17 @@ from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts, WorldAttempts
+from sparse_coord_ros.protocol.lockstep.attempts import (
+    MOST_BEHIND,
+    RobotAttempts,
+    WorldAttempts,
+)
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     Checkpoints,
     CheckpointStore,
 )
 from sparse_coord_ros.protocol.wire import RECORDER
-from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Order, Progress
+from sparse_coord_ros.protocol.wire.status import LEFT, NO_ATTEMPT, Order, Progress
 
 from .team import WORLD, Team
 
@@ -155,6 +160,23 @@ def test_the_team_begins_at_the_newest_common_checkpoint(steps, said, begins):
     made.begin()
     assert made.order.checkpoint == begins
     assert forgotten == [begins] * bool(begins)
+
+
+def test_the_world_may_go_only_so_far_before_the_recorder_has_written():
+    made, _ = attempts([0], robot_1=(0,))
+    made.begin()
+    attempt = made.order.attempt
+    assert made.limit == math.inf, "until a recorder has begun"
+    made.hear(RECORDER, Progress((), "another", written=10))
+    made.hear("robot_1", Progress((0,), attempt))
+    assert made.limit == math.inf
+    made.hear(RECORDER, Progress((0,), attempt, written=30))
+    assert made.limit == 30 + MOST_BEHIND
+    made.hear(RECORDER, Progress((0,), attempt, LEFT))
+    assert made.limit == math.inf, "it records no more"
+    made.hear(RECORDER, Progress((0,), attempt, written=30))
+    made.begin()
+    assert made.limit == math.inf
 
 
 def test_nothing_is_thrown_away_for_a_robot_that_keeps_no_checkpoints():

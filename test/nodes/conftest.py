@@ -92,9 +92,7 @@ class Bench:
 
         A new run is patient: on a busy machine no question fails, and no robot is left out.
         """
-        values = {"scenario": "env1", **values}
-        if not values.get("resume"):
-            values = {**PATIENT, **values}
+        values = {"scenario": "env1", **PATIENT, **values}
         context = self.place()[0]
         return self.add(
             WorldSimulator(context=context, namespace=namespace, values=values)
@@ -434,7 +432,8 @@ def ended_by(bench, monkeypatch, capfd):
             parameters: the node's, as `name:=value`.
         """
         words = [word for one in parameters for word in ("-p", one)]
-        monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *words])
+        named = ["-r", f"__node:={name}"]
+        monkeypatch.setattr(sys, "argv", ["node", "--ros-args", *named, *words])
         observer = bench.observer()
 
         def signal_it():

@@ -102,7 +102,7 @@ def test_the_team_ends_when_the_world_fails(bench, tmp_path):
 
 MAINS = {
     "world_simulator": (world_simulator.main, ["scenario:=env1"]),
-    "robot": (robot.main, []),
+    "robot_1": (robot.main, []),
     "recorder": (recorder.main, ["out:={out}"]),
 }
 """For each node its executable and its parameters."""
@@ -112,7 +112,7 @@ MAINS = {
     ("name", "number"),
     [
         ("world_simulator", signal.SIGINT),
-        ("robot", signal.SIGTERM),
+        ("robot_1", signal.SIGTERM),
         ("recorder", signal.SIGHUP),
     ],
 )

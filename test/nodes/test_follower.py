@@ -143,7 +143,7 @@ def test_a_recorder_that_goes_on_says_what_it_waits_for(
 ):
     """It knows the run at once, but not yet where it begins."""
     monkeypatch.setattr(timeouts, "REMIND_SECONDS", 0.0)
-    values = {"out": str(tmp_path / "bag"), "resume": True}
+    values = {"out": str(tmp_path / "bag")}
     with ros_context() as context:
         recorder = puppet(Recorder)(context=context, values=values)
         recorder.hear("run", announced("first"))

@@ -43,15 +43,15 @@ TEAM = {
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False),
 }
 ROBOT = {
-    "local_state": ("geometry_msgs/msg/PoseStamped", False),
-    "reward": ("sensor_msgs/msg/JointState", False),
-    "action": ("sensor_msgs/msg/JointState", False),
-    "percept": ("nav_msgs/msg/Path", False),
+    "local_state": ("geometry_msgs/msg/PoseStamped", True),
+    "reward": ("sensor_msgs/msg/JointState", True),
+    "action": ("sensor_msgs/msg/JointState", True),
+    "percept": ("nav_msgs/msg/Path", True),
     "coordination_map": ("nav_msgs/msg/OccupancyGrid", True),
     "_progress": ("diagnostic_msgs/msg/DiagnosticStatus", True),
     "tables": ("std_msgs/msg/UInt8MultiArray", True),
 }
-"""Type of every topic, and whether it is latched, by the design (not from the code)."""
+"""Type of every topic, and whether it is kept for late readers, by the design."""
 
 TOPICS = TEAM | {f"{name}/{topic}": of for name in NAMES for topic, of in ROBOT.items()}
 
@@ -121,12 +121,12 @@ def xy(pose):
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_topic_has_its_type_and_qos(team, topic):
-    kind, latched = TOPICS[topic]
+    kind, kept = TOPICS[topic]
     name = team.observer.resolve_topic_name(topic)
     infos = team.observer.get_publishers_info_by_topic(name)
     assert {info.topic_type for info in infos} == {kind}
     assert len(infos) == (3 if topic == "diagnostics" else 1)
-    wanted = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    wanted = DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE
     for info in infos:
         assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
         assert info.qos_profile.durability == wanted

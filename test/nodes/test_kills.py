@@ -61,7 +61,7 @@ def again(team, *names):
     """Kill nodes, and start them again."""
     team.kill(names)
     for name in names:
-        team.start(name, resume=True)
+        team.start(name)
 
 
 def replace_the_dead(team, name):

@@ -23,13 +23,8 @@ FOLDER = Path(__file__).parents[2] / "launch"
 NAMES = {
     "launch": [],
     "launch.actions": [
-        *("DeclareLaunchArgument", "EmitEvent", "LogInfo", "OpaqueFunction"),
-        *("RegisterEventHandler", "TimerAction"),
+        *("DeclareLaunchArgument", "OpaqueFunction", "Shutdown"),
     ],
-    "launch.event": ["Event"],
-    "launch.event_handlers": ["OnProcessExit"],
-    "launch.events": ["Shutdown", "matches_action"],
-    "launch.events.process": ["ShutdownProcess"],
     "launch.launch_context": ["LaunchContext"],
     "launch.launch_description": ["LaunchDescription"],
     "launch.logging": [],
@@ -70,17 +65,12 @@ def launched(monkeypatch, warnings):
         )
         file = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(file)
-        context = SimpleNamespace(launch_configurations=dict(given), is_shutdown=False)
-        [[first, *declared, last]] = file.generate_launch_description().parts
-        first.options["function"](context)
+        context = SimpleNamespace(launch_configurations=dict(given))
+        [[*declared, last]] = file.generate_launch_description().parts
         for one in declared:  # as DeclareLaunchArgument does
             default = one.options["default_value"]
             context.launch_configurations.setdefault(one.parts[0], default)
-        done = last.options["function"](context)
-        assert context.launch_configurations == given, (
-            "nothing is left to other launch files"
-        )
-        return done
+        return last.options["function"](context)
 
     return launch
 
@@ -203,23 +193,6 @@ def test_a_bad_argument_ends_the_launch(launched, tmp_path, file, given, text):
         launched(file, **out, **given)
 
 
-def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(
-    nodes, tmp_path
-):
-    out = tmp_path / "run"
-    assert "resume" not in values(nodes(out=str(out), resume="true")[0])
-    out.mkdir()
-    with pytest.raises(RunError, match="resume:=true"):
-        nodes(out=str(out))
-    found = nodes(out=str(out), resume="true")
-    assert all(values(node)["resume"] for node in found)
-    (out / "checkpoint").mkdir()
-    for name in ("world_simulator_9.npz", "robot_2.lock"):
-        (out / "checkpoint" / name).touch()
-    with pytest.raises(RunError, match="holds nothing of robot_1 "):
-        nodes(out=str(out), resume="true")
-
-
 def test_it_allows_what_its_arguments_name(nodes, tmp_path):
     """The nodes inherit it: the environment of the launch is theirs. It imports none itself."""
     changes = "penalty=-5,perception=my_models:fog:0.5"
@@ -289,7 +262,7 @@ def shown(launched, tmp_path):
         )
         file = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(file)
-        [[_, *declared, _]] = file.generate_launch_description().parts
+        [[*declared, _]] = file.generate_launch_description().parts
         return {
             one.parts[0]: (one.options["default_value"], one.options["description"])
             for one in declared
@@ -300,14 +273,22 @@ def shown(launched, tmp_path):
 
 def test_the_arguments_show_their_real_defaults(shown):
     team, bodies, lab, replay = map(shown, ("team", "bodies", "lab", "replay"))
-    assert [
-        team[name][0] for name in ("scenario", "seed", "record", "clock", "out")
-    ] == [*("env1", "0", "true", "none", "")]
-    assert [bodies[name][0] for name in ("clock", "use_sim_time")] == ["none", "true"]
-    assert [
-        lab[name][0] for name in ("clock", "slips", "epsilon", "checkpoint", "near")
-    ] == [*("none", "false", "constant:0", "100", "0.1")]
-    assert (replay["bag"][0], replay["rate"][0]) == (None, "1.0")
+
+    def default(said):
+        return said[1].rpartition("; default: ")[2].rstrip(")")
+
+    assert [default(team[name]) for name in ("scenario", "seed", "record")] == [
+        *("env1", "0", "true")
+    ]
+    assert team["out"][0] == "" and "default:" not in team["out"][1]
+    assert [default(bodies[name]) for name in ("clock", "use_sim_time")] == [
+        *("none", "true")
+    ]
+    names = ("clock", "slips", "epsilon", "checkpoint", "near")
+    assert [default(lab[name]) for name in names] == [
+        *("none", "false", "constant:0", "100", "0.1")
+    ]
+    assert (replay["bag"][0], default(replay["rate"])) == (None, "1.0")
     for said in (team, bodies, lab):
         learner = said["learner"][1].partition("(allowed: ")[2]
         names = learner.partition(", or one of your own")[0].split(", ")
@@ -420,56 +401,14 @@ def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(
     assert "\n" not in str(raised.value)
 
 
-class Ends:
-    """A launch whose nodes end."""
-
-    def __init__(self, actions):
-        self.actions = actions
-        self.take(actions)
-
-    def take(self, actions):
-        """Return handlers by node."""
-        self.handlers = {
-            one.parts[0].options["target_action"]: one.parts[0].options["on_exit"]
-            for one in actions
-            if type(one).__name__ == "RegisterEventHandler"
-        }
-
-    def end(self, number, code):
-        """Let a node end; return the launch's actions."""
-        node, then = list(self.handlers.items())[number]
-        event = SimpleNamespace(
-            returncode=code, process_name=node.options["executable"]
-        )
-        return then(event, SimpleNamespace(is_shutdown=False))
-
-
-def kinds(actions):
-    return [type(one).__name__ for one in actions]
-
-
-def test_included_a_team_that_fails_ends_alone(launched, tmp_path):
-    team = Ends(launched(out=str(tmp_path / "run")))
-    [*others] = team.end(0, -9)
-    events = [one.options["event"] for one in others]
-    assert kinds(events) == ["ShutdownProcess"] * 3
-    assert team.end(1, 0) == team.end(2, 0) == team.end(3, 0) == []
-
-
-def test_a_launch_of_its_own_fails_with_its_team(launched, tmp_path, monkeypatch):
+def test_a_launch_of_its_own_ends_with_the_world_and_starts_the_others_again(
+    nodes, tmp_path, monkeypatch
+):
+    out = str(tmp_path / "run")
+    assert not any("respawn" in one or "on_exit" in one for one in nodes(out=out))
     monkeypatch.setattr(
         sys, "argv", ["ros2", "launch", "sparse_coord_ros", "team.launch.py"]
     )
-    team = Ends(launched(out=str(tmp_path / "run")))
-    assert kinds(one.options["event"] for one in team.end(0, 1)) == ["Shutdown"]
-    team.end(1, 0), team.end(2, 0)
-    with pytest.raises(RunError, match="world_simulator ended with exit code 1"):
-        team.end(3, 0)
-
-
-def test_a_node_that_was_killed_is_started_again_with_resume(launched, tmp_path):
-    team = Ends(launched(out=str(tmp_path / "run"), respawn="true"))
-    _, timer = team.end(1, -9)
-    node, _ = timer.options["actions"]
-    assert values(node.options)["resume"] and node.options["name"] == "robot_1"
-    assert kinds(team.end(2, 2)) == [], "bad input stays bad"
+    [world, *others] = nodes(out=out)
+    assert type(world["on_exit"]).__name__ == "Shutdown" and "respawn" not in world
+    assert all(one["respawn"] and "on_exit" not in one for one in others)

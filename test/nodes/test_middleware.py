@@ -34,21 +34,20 @@ import time
 
 from rclpy.node import Node
 from std_msgs.msg import Int32
-from sparse_coord_ros.protocol.wire import Delivery
-from sparse_coord_ros.ros.nodes.ros_topics import QOS_PROFILES
+from rclpy.qos import QoSProfile
 from sparse_coord_ros.ros.nodes.spin import make_executor, ros_context
 
 with ros_context() as context:
     executor = make_executor(context)
     speaker = Node("speaker", context=context)
-    publisher = speaker.create_publisher(Int32, "numbers", QOS_PROFILES[Delivery.STEP])
+    publisher = speaker.create_publisher(Int32, "numbers", QoSProfile(depth=10_000))
     for number in range({before}):
         publisher.publish(Int32(data=number))
     listener = Node("listener", context=context)
     executor.add_node(listener)
     heard = []
     listener.create_subscription(
-        Int32, "numbers", lambda message: heard.append(message.data), QOS_PROFILES[Delivery.STEP]
+        Int32, "numbers", lambda message: heard.append(message.data), QoSProfile(depth=10_000)
     )
     time.sleep(0.3)  # what a reader misses in its first 70 ms is sent again
     deadline = time.monotonic() + {seconds}

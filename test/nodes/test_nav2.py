@@ -245,7 +245,7 @@ def test_learning_goes_on_in_steps_of_seconds_and_over_a_restart(
     bench.destroy(world)
     bench.spin_until(lambda: not observer.count("run"), "it is gone")
     known = {"scenario": "", "out": str(tmp_path / "out"), "rate": 0.5}
-    again = bench.world(bodies=True, resume=True, **known)
+    again = bench.world(bodies=True, **known)
     bench.spin_until(lambda: again.done, "the run's end")
     bench.spin_until_done(but=server)
     gather(tmp_path / "out", again.run.scenario, interrupted=False)

@@ -27,7 +27,7 @@ def opened(tmp_path):
     """Return a function that opens a place for a node, and the lines that it says."""
 
     def output(out, *, name="robot_1", run=RUN, own=()):
-        values = {"out": str(out), "resume": False}
+        values = {"out": str(out)}
         node = SimpleNamespace(
             values=values, at_end=ExitStack(), get_logger=lambda: logger
         )

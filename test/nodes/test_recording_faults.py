@@ -218,7 +218,7 @@ def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
     with closing(BagWriter(tmp_path / "bag")) as writer:
         write_run(writer, run)
     bench.world(recorded=True)
-    bench.recorder(tmp_path / "bag", resume=True)
+    bench.recorder(tmp_path / "bag")
     with pytest.raises(RunError, match=str(tmp_path / "bag")):
         bench.spin_until(lambda: False)
 

@@ -3,6 +3,7 @@
 """Live teams that are interrupted and continue: the bits of an unbroken run."""
 
 import time
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -74,7 +75,7 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(
     assert max(set.intersection(*steps)) == max(set.union(*steps)), (
         "all ended at one step"
     )
-    again = {"resume": True, "out": str(out)}
+    again = {"out": str(out)}
     board = MessageBoard()
     with ros_context() as context:
         summary = run_team(again, context=context, page=board)
@@ -117,12 +118,27 @@ def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(
     scenes = observer.listen(MarkerArray, "world_simulator/scene", latched=True)
     maps = observer.listen(OccupancyGrid, "robot_1/coordination_map", latched=True)
     said = observer.listen(DiagnosticArray, "/diagnostics")
-    bench.world(resume=True, scenario="", out=str(out))
-    bench.robot("robot_1", resume=True, out=str(out))
+    bench.world(scenario="", out=str(out))
+    bench.robot("robot_1", out=str(out))
     bench.spin_until(
         lambda: len({one.status[0].name for one in said}) == 2, "both report"
     )
     assert scenes == maps == []
+
+
+def test_a_slow_team_has_checkpoints_by_time(tmp_path, bench, monkeypatch):
+    """All nodes save at the same steps, and the bits are the same."""
+    monkeypatch.setattr(world_simulator, "CHECKPOINT_SECONDS", 0.2)
+    monkeypatch.setattr(world_simulator, "AHEAD_SECONDS", 0.05)
+    out = tmp_path / "out"
+    slow = {"steps": 60, "rate": 60.0, "checkpoint": 1000}
+    world = bench.world(out=str(out), **slow)
+    bench.robots(out=str(out))
+    bench.spin_until(lambda: len(saved(out)) >= 6, "two checkpoints of all three")
+    steps = Counter(int(name[:-4].rpartition("_")[2]) for name in saved(out))
+    assert sorted(steps.values())[-2:] == [3, 3]
+    bench.spin_until_done()
+    assert world.lockstep.timeouts == 0
 
 
 def test_another_run_is_refused(tmp_path):
@@ -134,7 +150,7 @@ def test_another_run_is_refused(tmp_path):
             stop=lambda: len(saved(out)) >= 3,
         )
         with pytest.raises(RunError, match="holds another run .*seed 7"):
-            run_team(values(out, resume=True, seed=8), context=context)
+            run_team(values(out, seed=8), context=context)
 
 
 class Under:

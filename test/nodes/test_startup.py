@@ -299,7 +299,7 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
         }
         begun = (tmp_path / "two" / "run.yaml").exists
         assert run_team({**values, **more}, context=context, stop=begun)["interrupted"]
-        run_team({"resume": True, "out": more["out"]}, context=context)
+        run_team({"out": more["out"]}, context=context)
     assert_same_tables(tmp_path / "one", first)
     assert_same_tables(tmp_path / "two", second)
     assert second.tables[0].q_star.tobytes() != first.tables[0].q_star.tobytes()

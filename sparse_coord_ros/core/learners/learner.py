@@ -106,8 +106,8 @@ def _check_name(learner: type, name: str) -> None:
     if not (name.startswith("_") or name == "Mind" or hasattr(Learner, name)):
         raise TypeError(
             f"class {learner.__name__}: {name!r} is nothing that a learner has"
-            f"{did_you_mean(name, HOOKS)}; its functions are {', '.join(HOOKS)}; let names of "
-            "your own begin with '_'"
+            f"{did_you_mean(name, HOOKS)}; its functions are {', '.join(HOOKS)}; put one of "
+            "your own outside the class, marked by @sc.rules.jitable"
         )
 
 
@@ -123,6 +123,11 @@ def _check_hook(learner: type, name: str, hook: Any) -> None:
     if found != wanted:
         raise TypeError(
             f"class {learner.__name__}: {name} takes ({', '.join(found)}), {allowed}"
+        )
+    if "random" in hook.__code__.co_names:
+        raise TypeError(
+            f"class {learner.__name__}: {name} uses random, allowed: sc.rules.draw, whose draws "
+            "are the same in each way of running"
         )
 
 
@@ -446,10 +451,18 @@ class Learner:
     def begun(self, scenario: Scenario, robot: int) -> Any:
         """Return what a robot (from 0) remembers before learning; its arrays are its own."""
         with self.blamed("making what a robot remembers"):
-            mind = self.initial(scenario, robot)
-            if not isinstance(mind, getattr(self, "Mind", ())):
+            mind: Any = self.initial(scenario, robot)
+            kind: Any = getattr(self, "Mind", ())
+            if not isinstance(mind, kind):
                 raise TypeError(
-                    f"initial returned {in_short(mind)}, allowed: the learner's Mind"
+                    f"initial returned {in_short(mind)}, allowed: the learner's Mind, with all "
+                    "its fields; write an initial for a Mind of your own"
+                )
+            fields = mind._asdict()
+            if not {"q_star", "updates"} <= set(fields):
+                raise TypeError(
+                    f"its Mind has the fields {', '.join(fields)}; it needs q_star and "
+                    "updates, too"
                 )
             if scenario.prior == "map":
                 mind = self.informed(mind, scenario, robot, self.weights(scenario))

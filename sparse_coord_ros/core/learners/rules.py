@@ -3,7 +3,7 @@
 """What a learner is made of: a team's task, a transition, policies, updates, tables, draws.
 
 The functions run in plain Python and in compiled loops, on the same arrays. `__all__` names what a
-learner of one's own needs; in Python it is `sparse_coord_ros.rules`.
+learner of one's own needs; after `import sparse_coord_ros as sc` it is `sc.rules`.
 
 `COORDINATE` is the action that asks where peers are, 4; the moves are 0 to 3. `FREE` is the first
 column of random draws that no learner of this package uses; see `draw`.
@@ -229,7 +229,9 @@ def check_action(action: int, count: int) -> None:
     A compiled loop would write beside its arrays.
     """
     if not 0 <= action < count:
-        raise IndexError("it chose an action that it does not have")
+        raise IndexError(
+            "it chose an action that it does not have: actions are 0 to 4, moves 0 to 3"
+        )
 
 
 def asks_surely(values: Any) -> Any:

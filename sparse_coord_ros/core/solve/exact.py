@@ -30,7 +30,7 @@ from sparse_coord_ros.core.learners.tables import JointTable, Tables
 from sparse_coord_ros.core.runs import evaluation
 from sparse_coord_ros.core.runs.evaluation import Progress
 from sparse_coord_ros.core.runs.measures import BY_ROBOT, EXACT, TRIAL, Measures
-from sparse_coord_ros.core.solve.exact_loops import Chain, Moments, compiled
+from sparse_coord_ros.core.solve.exact_loops import Chain, Moments, loop_for
 
 MOST_ROBOTS = 2
 """The joint chain of more robots is too large; they are evaluated by trials."""
@@ -361,7 +361,7 @@ def _moments(
     start = _joint_state(reached, [robot.start for robot in scenario.robots])
     shape = [len(own) for own in reached]
     moments.likely[0, np.ravel_multi_index(start, shape)] = 1.0
-    compiled()(chain, moments, scenario.horizon)
+    loop_for(chain, scenario.horizon)(chain, moments, scenario.horizon)
     return moments
 
 

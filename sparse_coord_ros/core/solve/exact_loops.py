@@ -6,6 +6,7 @@ Plain Python over NumPy arrays, compiled by numba where it is installed; the sam
 """
 
 import functools
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -91,6 +92,17 @@ def carry(chain: Chain, moments: Moments, horizon: int) -> None:
                 so_far[now, state, n] = 0.0
         for n in quantities:
             factors[n] *= chain.discounts[n]
+
+
+FEW_CHANGES = 1_000_000
+"""Plain Python makes so many changes in the time that the import of numba takes."""
+
+
+def loop_for(chain: Chain, horizon: int) -> Callable[..., Any]:
+    """Return `carry`, compiled unless the import of numba would take longer than plain Python."""
+    changes = horizon * len(chain.probability) * len(chain.discounts)
+    few = changes <= FEW_CHANGES and "numba" not in sys.modules
+    return carry if few else compiled()
 
 
 @functools.cache

@@ -7,6 +7,7 @@ is 0, and whenever a process has come in place of another one: s is the newest c
 nodes have. Who gets an order forgets all that came after that checkpoint.
 """
 
+import math
 import uuid
 from collections.abc import Callable, Sequence
 
@@ -19,7 +20,10 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import RECORDER
-from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Order, Progress
+from sparse_coord_ros.protocol.wire.status import LEFT, NO_ATTEMPT, Order, Progress
+
+MOST_BEHIND = 2000
+"""The world waits for a recorder that has written so many time steps less than it has made."""
 
 KEPT_COMMON = 3
 """Number of the newest common checkpoints that all nodes keep, until a recorder has come back."""
@@ -36,6 +40,7 @@ class WorldAttempts:
     Attributes:
         order: the last order.
         said: the last message of each node that has said something.
+        limit: the time step at which the world waits for the recorder.
     """
 
     def __init__(
@@ -43,6 +48,7 @@ class WorldAttempts:
     ) -> None:
         self.order = Order()
         self.said: dict[str, Progress] = {}
+        self.limit = math.inf
         self._side = side
         self._store = store
         self._nodes = nodes
@@ -61,6 +67,18 @@ class WorldAttempts:
             for node in self._nodes
             if node not in self.said or self.said[node].attempt != attempt
         ]
+
+    def hear(self, node: str, said: Progress) -> None:
+        """Note a node's report."""
+        self.said[node] = said
+        if node == RECORDER and said.attempt == self.order.attempt:
+            self.limit = (
+                math.inf if said.written == LEFT else said.written + MOST_BEHIND
+            )
+
+    def do_without_recorder(self) -> None:
+        """Wait no more for the recorder, until it reports again."""
+        self.limit = math.inf
 
     def common(self) -> list[int]:
         """Return the steps of the newest common checkpoints of world and robots, the newest first.
@@ -96,6 +114,7 @@ class WorldAttempts:
             self._side.go_on_from(self._store.load(step))
             self._store.forget_after(step)
         self.order = Order(uuid.uuid4().hex, step)
+        self.limit = math.inf
 
     def _check_robots(self) -> None:
         """Refuse to throw away what a team has learned, for a robot without checkpoints.
@@ -108,8 +127,7 @@ class WorldAttempts:
             if none and len(saved) > 1:
                 raise RunError(
                     f"{node} has no checkpoint of this run, which is at step {saved[0]}; all is "
-                    f"saved: start {node} with its parameter 'out', and all nodes with resume; "
-                    "or begin a new run"
+                    f"saved: start {node} with the 'out' that it had, or begin a new run"
                 )
 
 

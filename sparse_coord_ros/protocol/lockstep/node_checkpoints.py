@@ -235,6 +235,5 @@ def check_robots(out: Path, scenario: Scenario) -> None:
     if away:
         raise RunError(
             f"{out}: holds nothing of {', '.join(away)} (a custom robot, or one with another "
-            "'out'), so the run cannot continue; begin a new one, or start each of its nodes "
-            "with resume:=true"
+            "'out'), so the run cannot continue; begin a new one, or start each of its nodes"
         )

@@ -96,12 +96,14 @@ class RobotSide:
             were "repeated" because the peer was a step behind.
         transitions: transitions that it has seen.
         learned: transitions from which it has learned.
+        save_at: a time step at which all save, beside every `checkpoint` steps; 0: none.
         dropped: transitions without learning, because the reward or a peer's state did not come.
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
         self.run = run
         self.newest = (NO_STEP, -1)
+        self.save_at = 0
         self._asks_before: tuple[int, ...] = ()
         self._port = port
         self._checkpoint = run.checkpoint
@@ -300,7 +302,8 @@ class RobotSide:
             self._handled = step
             self._cell = cell
             every = self._checkpoint
-            if every and 0 <= before // every < step // every:
+            in_steps = every > 0 and 0 <= before // every < step // every
+            if in_steps or 0 <= before < self.save_at <= step:
                 self._port.checkpoint(step)
             if self._states:
                 continue  # the world has gone on

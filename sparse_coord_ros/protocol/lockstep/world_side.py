@@ -68,6 +68,7 @@ class WorldSide:
             them.
         history: gathers the episodes.
         watcher: called with each transition after it; None: no watcher.
+        save_at: a time step at which all save, beside every `checkpoint` steps; 0: none.
         held: True from `go_on_from` to `start`: actions are from the time that was taken back.
     """
 
@@ -81,6 +82,7 @@ class WorldSide:
         self.history = HistoryRecorder(run.scenario)
         self.watcher: Callable[[TeamTransition], None] | None = None
         self.held = False
+        self.save_at = 0
         self._port = port
         self._budget = run.scenario.steps
         self._checkpoint = run.checkpoint
@@ -256,5 +258,6 @@ class WorldSide:
         """Save, if the robots also save at one of these published steps."""
         every = self._checkpoint
         for before, step in pairwise(steps):
-            if every and before // every < step // every:
+            in_steps = every > 0 and before // every < step // every
+            if in_steps or before < self.save_at <= step:
                 self._port.checkpoint(step)

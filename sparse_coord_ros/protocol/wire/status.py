@@ -39,6 +39,7 @@ class RunStatus(NamedTuple):
         began: why the episode began, a `StartReason`.
         order: the last order; its fields are values of the message.
         oldest: the oldest checkpoint to which the team may go back; nodes remove older ones.
+        save_at: a time step at which all save, beside every `checkpoint` steps; 0: none.
     """
 
     run: str
@@ -49,6 +50,7 @@ class RunStatus(NamedTuple):
     began: str = ""
     order: Order = Order()
     oldest: int = 0
+    save_at: int = 0
 
     def values(self) -> dict[str, object]:
         """Return the values of its message."""
@@ -57,7 +59,7 @@ class RunStatus(NamedTuple):
         return values
 
 
-NUMBERS = ("step", "transitions", "left_out", "checkpoint", "oldest")
+NUMBERS = ("step", "transitions", "left_out", "checkpoint", "oldest", "save_at")
 """The values of `status` that are numbers."""
 
 
@@ -89,7 +91,12 @@ def read_status(message: Any) -> RunStatus:
         began=values["began"],
         order=Order(values["attempt"], numbers["checkpoint"]),
         oldest=numbers["oldest"],
+        save_at=numbers["save_at"],
     )
+
+
+LEFT = -1
+"""In place of the time step up to which a recorder has written: it records no more."""
 
 
 class Progress(NamedTuple):
@@ -100,16 +107,20 @@ class Progress(NamedTuple):
             empty: at any, as it learns nothing.
         attempt: the attempt that it has begun; `NO_ATTEMPT`: a new process, which waits for an
             order.
+        written: of a recorder: the time step up to which the bag holds everything; `LEFT`: it
+            records no more.
     """
 
     checkpoints: tuple[int, ...] = ()
     attempt: str = NO_ATTEMPT
+    written: int = 0
 
     def values(self) -> dict[str, object]:
         """Return the values of its message."""
         return {
             "checkpoints": " ".join(map(str, self.checkpoints)),
             "attempt": self.attempt,
+            "written": self.written,
         }
 
 
@@ -119,8 +130,8 @@ def read_progress(message: Any) -> Progress:
     Raises:
         ValueError: it is malformed.
     """
-    values = values_of(message, *Progress._fields)
+    values = values_of(message, "checkpoints", "attempt")
     checkpoints = tuple(int(text) for text in values["checkpoints"].split())
     if any(step < 0 for step in checkpoints):
         raise ValueError(f"says checkpoints {values['checkpoints']!r}")
-    return Progress(checkpoints, values["attempt"])
+    return Progress(checkpoints, values["attempt"], int(values.get("written", 0)))

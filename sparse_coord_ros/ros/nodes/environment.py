@@ -12,6 +12,9 @@ from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.share import share_folder
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+PROFILES_3 = "FASTDDS_DEFAULT_PROFILES_FILE"
+"""The file of profiles of Fast DDS 2 (ROS 2 Jazzy), and of Fast DDS 3 (Kilted)."""
+
 DOMAIN = "ROS_DOMAIN_ID"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS = "ROS_STATIC_PEERS"
@@ -33,6 +36,9 @@ def ros_domain(variables: Mapping[str, str] = os.environ) -> int:
     return int(domain)
 
 
+FAST_DDS_2 = "libfastrtps.so"
+FAST_DDS_3 = "libfastdds.so"
+
 SECURITY = "ROS_SECURITY_ENABLE"
 SECURITY_MARK = b"dds.sec.auth.plugin"
 """A name that only a Fast DDS with DDS-Security contains."""
@@ -46,8 +52,10 @@ def check_security() -> None:
     Raises:
         RunError: the messages would not be secured.
     """
-    library = Path(sys.prefix) / "lib" / "libfastrtps.so"
-    if os.environ.get(SECURITY, "").lower() != "true" or not library.exists():
+    if os.environ.get(SECURITY, "").lower() != "true":
+        return
+    library = _library(FAST_DDS_2) or _library(FAST_DDS_3)
+    if library is None:
         return
     if SECURITY_MARK not in library.read_bytes():
         raise RunError(
@@ -65,11 +73,20 @@ def use_udp(variables: MutableMapping[str, str] = os.environ) -> None:
     profiles. So the range becomes SYSTEM_DEFAULT, and `config/fastdds_localhost.xml` stays on this
     machine. Profiles that the user has chosen stay. Other middlewares ignore these settings.
     """
-    if PROFILES in variables:
+    if PROFILES in variables or PROFILES_3 in variables:
         return
-    profiles = "fastdds.xml"
+    where = ""
     # SYSTEM_DEFAULT would ignore peers
     if variables.get(RANGE, "").upper() == "LOCALHOST" and not variables.get(PEERS):
-        profiles = "fastdds_localhost.xml"
+        where = "_localhost"
         variables[RANGE] = "SYSTEM_DEFAULT"
-    variables[PROFILES] = str(share_folder("config") / profiles)
+    name, version = (PROFILES_3, "3") if _library(FAST_DDS_3) else (PROFILES, "")
+    variables[name] = str(share_folder("config") / f"fastdds{version}{where}.xml")
+
+
+def _library(name: str) -> Path | None:
+    """Return the path of a library of ROS 2, or None."""
+    folders = [Path(sys.prefix) / "lib"]
+    folders += map(Path, filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(":")))
+    paths = [folder / name for folder in folders]
+    return next((path for path in paths if path.exists()), None)

@@ -4,7 +4,9 @@
 
 import os
 import stat
+import uuid
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +44,6 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
 from sparse_coord_ros.protocol.lockstep.robot_side import ASKS, RobotState
 from sparse_coord_ros.protocol.lockstep.world_side import WorldState
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode, run_from_parameters
-
-NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
 
 
 def gather(
@@ -104,18 +104,24 @@ def add_result(out: Path, result: Mapping[str, Any]) -> None:
     write_whole(path, to_yaml({"result": dict(result), **summary}))
 
 
-def resumed_run(values: Mapping[str, Any]) -> RunConfig:
-    """Return the run to resume: the one in the output directory.
+def holds_run(out: str) -> bool:
+    """Return whether an output directory holds a run, which then goes on."""
+    return bool(out) and (Path(out) / RUN_FILE).exists()
+
+
+def run_of(values: Mapping[str, Any]) -> RunConfig:
+    """Return a world's run: the one in its output directory, or else a new one.
 
     Args:
-        values: of the parameter `out` and, if the run is described again, of `scenario` and the
-            parameters that belong to it.
+        values: of the parameter `out`; of `scenario` and the parameters that belong to it. Where
+            `out` holds a run, `scenario` may be empty.
 
     Raises:
-        SparseCoordError: the run is missing, finished, or another than the one described.
+        SparseCoordError: bad input; the run in `out` is finished, or another than the one
+            described.
     """
-    if not values["out"]:
-        raise RunError(NO_OUTPUT)
+    if not holds_run(values["out"]):
+        return replace(run_from_parameters(values), id=uuid.uuid4().hex)
     out = Path(values["out"])
     run = load_run(out)
     if (out / CHECKPOINT_FILE).exists():
@@ -129,9 +135,10 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
         asked = run_from_parameters(values)
         if asked.digest != run.digest:
             raise RunError(
-                f"{out}: holds another run ({run.scenario.name}, learner {run.learner}, seed "
-                f"{run.seed}) than the one given ({asked.scenario.name}, learner "
-                f"{asked.learner}, seed {asked.seed}, or other settings); leave them out"
+                f"output directory {out}: holds another run ({run.scenario.name}, learner "
+                f"{run.learner}, seed {run.seed}) than the one given ({asked.scenario.name}, "
+                f"learner {asked.learner}, seed {asked.seed}, or other settings); choose "
+                "another directory, or leave the scenario and its settings out"
             )
     return run
 
@@ -166,7 +173,7 @@ class Output:
         store: its checkpoints.
 
     Raises:
-        RunError: the directory holds another run or, if no run is resumed, one of the files.
+        RunError: the directory holds another run, or one of the files without its run.
         OSError: it cannot be made or written.
     """
 
@@ -178,19 +185,22 @@ class Output:
         self._out = Path(node.values["out"]) if node.values["out"] else None
         self.store = CheckpointStore()
         if self._out is not None:
-            self._open(self._out, () if node.values["resume"] else own)
+            self._open(self._out, own)
             self.store = checkpoints = Checkpoints(self._out, name, run)
             node.at_end.callback(checkpoints.close)
             checkpoints.steps()
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
-        elif node.values["resume"]:
-            raise RunError(NO_OUTPUT)
 
     def _open(self, out: Path, own: Sequence[str]) -> None:
-        """Make or join the directory: the first node to come writes `run.yaml`."""
+        """Make or join the directory: the first node to come writes `run.yaml`.
+
+        A node that finds its run there goes on with it.
+        """
         out.mkdir(parents=True, exist_ok=True)
-        held = [name for name in own if (out / name).exists()]
+        held: list[str] = []
+        if not holds_run(str(out)):
+            held = [name for name in own if (out / name).exists()]
         if not held:
             self._describe(out)
             remedy = "choose another output directory"

@@ -72,6 +72,7 @@ from sparse_coord_ros.ros.nodes.ros_topics import (
     DIAGNOSTICS,
     RUN,
     RosTopic,
+    kept_qos,
     message_class,
 )
 from sparse_coord_ros.ros.nodes.ros_topics import RECORDING as RECORDING_TOPIC
@@ -307,7 +308,8 @@ class ParameterNode(Node):
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
         how: Any = {"publisher_class": PackedPublisher} if topic.packed else {}
-        publisher = self.create_publisher(topic.type, topic.of(owner), topic.qos, **how)
+        qos = kept_qos(topic) if self.direct is None else topic.qos
+        publisher = self.create_publisher(topic.type, topic.of(owner), qos, **how)
         if isinstance(publisher, PackedPublisher):
             publisher.send = publisher.handle.publish_raw
             publisher.direct = (

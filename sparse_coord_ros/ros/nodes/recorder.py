@@ -22,12 +22,12 @@ from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RUN_RECORD, RunConf
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.reader import Bag, continued
-from sparse_coord_ros.log.runlog.bag_run import find_run
-from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
+from sparse_coord_ros.log.runlog.reading import read_run
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.messages import SECOND, STAMPED
 from sparse_coord_ros.protocol.wire.status import (
+    LEFT,
     NO_ATTEMPT,
     Order,
     Progress,
@@ -49,8 +49,8 @@ TALK_SECONDS = 20.0
 """After the run's end, how long a node that continues to publish keeps the bag open."""
 KEPT_FREE = 32
 """MiB of the disk that a recording leaves free, so that tables can still be saved."""
-LAG_STEPS = 1000
-"""How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
+LAG_STEPS = ros_topics.RECORDED_DEPTH
+"""How far one topic may be ahead of all others: they arrive in bursts."""
 
 
 class RobotTables(NamedTuple):
@@ -105,6 +105,7 @@ class Recording:
         self._open = False
         self._late = False  # a message of the attempt before has come
         self._quiet_since = -math.inf
+        self._newest_ns: dict[int, int] = {}  # by channel
         self._state_ns: dict[str, int] = {}  # of each robot's newest local state
         self._tables: list[RobotTables] = []  # they wait
         # The robots whose tables are in the segment, by the tables' time step.
@@ -141,6 +142,7 @@ class Recording:
         message = serialize_message(String(data=self.run.to_yaml()))
         bag.write(channel, message, self.now_ns, self.now_ns)
         self._open = True
+        self._newest_ns.clear()
         self._state_ns.clear()
         self._written.clear()
         before = [one for one in self._node.checkpoints if one < step]
@@ -149,7 +151,6 @@ class Recording:
         self._tables = [one for one in self._tables if one.said.attempt == attempt]
         self._write_tables()
         self.flush()
-        self._node.say_progress(self.attempt)
 
     def hear_tables(self, robot: str, heard: tuple[SavedTables, bytes]) -> None:
         """Keep a robot's tables until they are due."""
@@ -232,6 +233,8 @@ class Recording:
         self._steps = 0
         self._flushed = time.monotonic()
         self.bag.flush()
+        if self._open:
+            self._node.say_progress(self.attempt)
         # the directory is gone: the bag's own error says so
         with contextlib.suppress(OSError):
             free = shutil.disk_usage(self._node.directory).free >> 20
@@ -240,6 +243,13 @@ class Recording:
                     f"recording to {self._node.directory} ends: its disk has {free} MiB left, "
                     f"{KEPT_FREE} are kept for what the team saves; make room"
                 )
+
+    @property
+    def written(self) -> int:
+        """The time step up to which the bag holds everything, as of the last flush."""
+        states = [self._state_ns.get(name, 0) for name in self.run.scenario.names]
+        first = self._order.checkpoint
+        return max(first, min(states) // self.messages.period)
 
     # Its sources.
 
@@ -284,6 +294,7 @@ class Recording:
         unpack_stamp = STAMPED.unpack_from
         each_step = topic.delivery == wire.Delivery.STEP
         is_state = topic is ros_topics.LOCAL_STATE
+        newest_ns = self._newest_ns
         state_ns = self._state_ns
 
         def stamped(data: bytes) -> None:
@@ -297,8 +308,11 @@ class Recording:
                 node.subscriber.drop(name, error)
                 return
             at = sec * SECOND + nanosec
+            if each_step and at < newest_ns.get(channel, 0):
+                return  # a publisher that lost sight of this recorder sends what it keeps
             if not 0 <= at <= self.now_ns:
                 at = self._later(at, name)
+            newest_ns[channel] = at
             if is_state:
                 state_ns[owner] = at
             write_down(channel, data, at, at)
@@ -315,6 +329,8 @@ class Recording:
             if topic is ros_topics.DIAGNOSTICS:
                 write = partial(self._write_ours, write)
             qos = ros_topics.recorder_qos(topic)
+            if node.direct is None and each_step:
+                qos = ros_topics.kept_qos(topic)
             node.subscriber.listen_packed(
                 topic, lambda data: (data,), write, owner, qos=qos
             )
@@ -438,8 +454,8 @@ class Recorder(Follower):
         self.directory = Path(
             self.values["out"] or f"bag_{datetime.now():%Y%m%d_%H%M%S}"
         )
-        if self.directory.exists() and not self.values["resume"]:
-            what = f"output directory {self.directory}: exists already, nothing is overwritten"
+        if self.directory.exists() and not any(self.directory.glob("*.mcap*")):
+            what = f"output directory {self.directory}: exists already, and is no bag"
             raise RunError(f"{what}; choose another one for parameter 'out'")
         self.error: BagError | None = None
         self.checkpoints: list[int] = []
@@ -462,7 +478,7 @@ class Recorder(Follower):
             self.error = error
             self.done = True
             self.direct.close()
-            self.say_progress(self.found.attempt)  # nobody waits for it
+            self.say_progress(self.found.attempt, LEFT)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
@@ -477,25 +493,28 @@ class Recorder(Follower):
         """
         self._progress = self.announce(ros_topics.PROGRESS, RECORDER)
         self._known = self.found.attempt if run.recorded else NO_ATTEMPT
-        if self.values["resume"]:
-            self._earlier = continued(self.directory)
+        self._earlier = continued(self.directory)
         if self._earlier is not None:
-            found = find_run(self._earlier)
-            if found.run.id != run.id:
+            log = read_run(self.directory)
+            if log.run.id != run.id:
                 remedy = "choose another one for parameter 'out'"
                 raise RunError(
                     f"{self.directory}: holds the recording of another run; {remedy}"
                 )
-            self.checkpoints = checkpoints_in(self._earlier, *found)
+            # before these the bag holds everything
+            known = [set(steps) for steps in log.table_steps() if steps]
+            self.checkpoints = sorted(set.intersection(*known)) if known else []
         self.say_progress(NO_ATTEMPT)
 
     def go_on(self, now: float) -> None:
         """Say that the recorder waits for the world's order."""
         self.remind(self.reminder, "the world to say where the run begins")
 
-    def say_progress(self, attempt: str) -> None:
-        """Tell the world the steps before which the bag holds everything, and the attempt."""
-        said = Progress(tuple(self.checkpoints), attempt)
+    def say_progress(self, attempt: str, written: int | None = None) -> None:
+        """Tell the world the checkpoints in the bag, the attempt, and how far it is written."""
+        if written is None:
+            written = 0 if self.recording is None else self.recording.written
+        said = Progress(tuple(self.checkpoints), attempt, written)
         self._progress.publish(status(RECORDER, "progress", said.values()))
 
     def world_said(self, said: RunStatus) -> None:
@@ -529,6 +548,7 @@ class Recorder(Follower):
         if self.recording is None or self.error is not None or self.failure is not None:
             return
         bag = self.recording.bag
+        self.say_progress(self.recording.attempt, LEFT)
         try:
             self.recording.end()
             bag.close()

@@ -75,7 +75,7 @@ class Restart(WorldAttempts):
 
     def _on_progress(self, name: str, said: Progress) -> None:
         """Read a node's report; a new process under way needs an order."""
-        self.said[name] = said
+        self.hear(name, said)
         under_way = self.order.attempt != NO_ATTEMPT and not self._side.finished
         if under_way and said.attempt == NO_ATTEMPT:
             self._came_back(name)

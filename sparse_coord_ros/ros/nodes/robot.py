@@ -169,7 +169,8 @@ class RobotNode(Follower):
         return self.presence is not None and self._attempts.attempt != NO_ATTEMPT
 
     def world_said(self, said: RunStatus) -> None:
-        """Read the world's status: its order to begin."""
+        """Read the world's status: its order to begin, and the next checkpoint by time."""
+        self.lockstep.save_at = said.save_at
         if self._attempts.obey(said.order):
             self._begin_attempt(said.order.checkpoint)
         self.output.store.forget_before(said.oldest)

@@ -16,11 +16,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import Delivery, services
 
-RECORDED_DEPTH = 10_000
-"""For publishers, and for a recorder or a page that lags."""
-
-HEARD_DEPTH = 10
-"""For readers in the lock step, which needs a depth of 2."""
+RECORDED_DEPTH = 4_000
+"""For publishers and readers of each time step. The world waits for a recorder that is more than
+half as many time steps behind. It does not wait for a robot that has arrived; one that lags still
+learns from its last move."""
 
 QOS_PROFILES = {
     Delivery.STEP: QoSProfile(depth=RECORDED_DEPTH),
@@ -80,14 +79,20 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
     )
 
 
-def heard_qos(topic: RosTopic) -> QoSProfile:
-    """Return the QoS profile of a reader that keeps up."""
-    return QoSProfile(depth=HEARD_DEPTH, durability=topic.qos.durability)
-
-
 def recorder_qos(topic: RosTopic) -> QoSProfile:
     """Return the QoS profile of a reader that may lag: a recorder or a page."""
     return QoSProfile(depth=RECORDED_DEPTH, durability=topic.qos.durability)
+
+
+def kept_qos(topic: RosTopic) -> QoSProfile:
+    """Return the QoS profile of a topic for a recorder in another process.
+
+    A process that stands still is forgotten after 5 s (`config/fastdds.xml`). So that a recorder
+    misses nothing then, publishers keep the messages of time steps.
+    """
+    if topic.delivery != Delivery.STEP:
+        return topic.qos
+    return QoSProfile(depth=RECORDED_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

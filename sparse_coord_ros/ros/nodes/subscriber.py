@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.base.errors import SparseCoordError, failure_of, message_of
-from sparse_coord_ros.ros.nodes.ros_topics import RosTopic, heard_qos
+from sparse_coord_ros.ros.nodes.ros_topics import RosTopic
 
 
 class Subscriber:
@@ -52,8 +52,7 @@ class Subscriber:
             owner: the topic's owner.
             name: the topic's name, if given.
             read: returns the content of a message object; any exception drops the message.
-            qos: the subscription's profile; None: that of the topic, with a depth for readers that
-                keep up.
+            qos: the subscription's profile; None: that of the topic.
         """
 
         def unpack(data: bytes) -> tuple[Any]:
@@ -95,7 +94,7 @@ class Subscriber:
             except Exception as error:
                 self._fail(failure_of(error))
 
-        profile = heard_qos(topic) if qos is None else qos
+        profile = topic.qos if qos is None else qos
         return self._node.create_subscription(topic.type, name, take, profile, raw=True)
 
     def drop(self, name: str, why: object, done: str = "message dropped") -> None:

@@ -16,7 +16,7 @@ from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import check_robots
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD
 from sparse_coord_ros.ros.nodes.direct_recording import DirectRecording
-from sparse_coord_ros.ros.nodes.outputs import begin_with, gather, resumed_run
+from sparse_coord_ros.ros.nodes.outputs import begin_with, gather, holds_run, run_of
 from sparse_coord_ros.ros.nodes.parameters import (
     TEAM_PARAMETERS,
     ParameterNode,
@@ -48,8 +48,8 @@ def team_run(values: dict[str, Any]) -> RunConfig:
     Raises:
         SparseCoordError: bad input.
     """
-    if values["resume"]:
-        run = resumed_run(values)
+    if holds_run(values["out"]):
+        run = run_of(values)
         check_robots(Path(values["out"]), run.scenario)
         values["record"] = values["recorded"] = run.recorded
         return run
@@ -72,7 +72,7 @@ def run_team(
 
     Args:
         values: some of `TEAM_PARAMETERS` and of the scenario's settings; `out` is the output
-            directory, which must not exist, unless the run is to `resume`.
+            directory: it does not exist, or it holds the run, which goes on.
         context: the ROS context.
         namespace: the team's namespace.
         stop: called several times a second.
@@ -88,7 +88,7 @@ def run_team(
     values = team_values(values)
     run = team_run(values)
     out = Path(values["out"] or f"{run.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}")
-    if not values["resume"]:
+    if not holds_run(values["out"]):
         create_output(out)
     direct = DirectRecording() if values["record"] else None
     place: dict[str, Any] = {

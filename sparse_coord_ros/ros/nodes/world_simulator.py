@@ -4,9 +4,7 @@
 
 import math
 import time
-import uuid
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -40,12 +38,11 @@ from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.ros.nodes.messages import run_announced
-from sparse_coord_ros.ros.nodes.outputs import Output, resumed_run
+from sparse_coord_ros.ros.nodes.outputs import Output, holds_run, run_of
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
     NodePlace,
     ParameterNode,
-    run_from_parameters,
 )
 from sparse_coord_ros.ros.nodes.restart import Restart
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
@@ -62,6 +59,15 @@ NOT_UNDER_WAY = "the run is not under way"
 PROGRESS_SECONDS = 5.0
 """Between two lines of progress."""
 
+CLEARLY_LESS = 0.9
+"""The share of a wanted rate that a world should keep at least."""
+
+CHECKPOINT_SECONDS = 10.0
+"""Between two checkpoints by time."""
+
+AHEAD_SECONDS = 0.5
+"""How long before a checkpoint by time the robots hear of it."""
+
 
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), and waits for the team's actions.
@@ -76,6 +82,7 @@ class WorldSimulator(ParameterNode):
         startup_timeout: the seconds that it waits for the other nodes.
         lost_timeout: the seconds that it waits for lost robots before it ends.
         run: the run.
+        resumed: whether its output directory held the run, which goes on.
         state: its state, which `next_state` changes.
         lockstep: the world's side of the lock step.
         bodies: the robots' bodies; None: robots without bodies.
@@ -96,13 +103,18 @@ class WorldSimulator(ParameterNode):
     # The rate of that timer.
     _timed_rate = 0.0
     _told = -math.inf
+    # The rate that is being watched, when that began, and the time steps by then.
+    _watched = (0.0, 0.0, 0)
+    # The rate of which the world has said that it cannot keep it.
+    _missed = 0.0
+    # When and at which time step the last checkpoint by time was ordered.
+    _ordered = 0.0
+    _ordered_at = 0
 
     def __init__(self, **place: Unpack[NodePlace]) -> None:
         super().__init__(WORLD, PARAMETERS[WORLD], **place)
-        if self.values["resume"]:
-            self.run = resumed_run(self.values)
-        else:
-            self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
+        self.resumed = holds_run(self.values["out"])
+        self.run = run_of(self.values)
         self.show_settings(self.run.scenario)
         self._names = self.run.scenario.names
         self.bodies: WorldBodies | None = None
@@ -126,8 +138,7 @@ class WorldSimulator(ParameterNode):
     @property
     def doing(self) -> str:
         """The world's activity: a `wire.RunState`."""
-        resuming = bool(self.values["resume"])
-        return self.state.published(greedy=self.run.greedy, resuming=resuming)
+        return self.state.published(greedy=self.run.greedy, resuming=self.resumed)
 
     def _happens(self, event: Event | None = None) -> None:
         """Change the state by an event, if any, and make the time step that is due.
@@ -139,6 +150,8 @@ class WorldSimulator(ParameterNode):
         side = self.lockstep
         moving = self.state in MOVING
         if not (moving or self.state is State.RESTING) or not side.complete:
+            return
+        if side.world.step >= self.restart.limit:
             return
         if self.bodies is not None and not self.bodies.side.made(side.actions):
             return
@@ -167,7 +180,7 @@ class WorldSimulator(ParameterNode):
 
     def _show(self) -> None:
         """Publish the robots' places; not of a resumed team that has not gone back yet."""
-        gathering = self.state in GATHERING and self.values["resume"]
+        gathering = self.state in GATHERING and self.resumed
         if self.state not in RETURNING and not gathering:
             self.topics.show(always=self.lockstep.finished)
 
@@ -251,7 +264,7 @@ class WorldSimulator(ParameterNode):
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
         self.offer(services.STEP, self._on_step)
-        self.topics.open(resumed=self.values["resume"])
+        self.topics.open(resumed=self.resumed)
         self._happens(Event.OPENED)
         self._say()
 
@@ -290,6 +303,8 @@ class WorldSimulator(ParameterNode):
         self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
+        self._ordered = now
+        self._ordered_at = self.lockstep.world.step
         self._happens(Event.ALL_THERE)
         self._say()
         self.get_logger().info(
@@ -314,8 +329,13 @@ class WorldSimulator(ParameterNode):
 
     def _watch_the_barrier(self, now: float) -> None:
         self._keep_the_rate()
+        self._save_now_and_then(now)
         if self.bodies is not None:
             self.bodies.look(now, held=self.state is State.PAUSED)
+        if self.lockstep.world.step >= self.restart.limit:
+            self._wait_for_the_recorder(now)
+            return
+        self._happens()  # the recorder may have written meanwhile
         if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
             self.reminder.over()
             return
@@ -324,6 +344,29 @@ class WorldSimulator(ParameterNode):
             self._say()
         if self.state in (State.RUNNING, State.RESTING):
             self._wait_for_the_lost(now)
+
+    def _save_now_and_then(self, now: float) -> None:
+        """Order a checkpoint after some time: in about half a second, when all know of it."""
+        if not self.run.checkpoint or now - self._ordered < CHECKPOINT_SECONDS:
+            return
+        step = self.lockstep.world.step
+        made = step - self._ordered_at
+        self._ordered = now
+        self._ordered_at = step
+        if made > 0:
+            ahead = int(made * AHEAD_SECONDS / CHECKPOINT_SECONDS)
+            self.lockstep.save_at = step + 1 + ahead
+            self._say()
+
+    def _wait_for_the_recorder(self, now: float) -> None:
+        """Log that the world waits; continue without a recorder that is lost."""
+        step = self.lockstep.world.step
+        self.remind(self.reminder, f"{RECORDER} to write what came before step {step}")
+        if self._silence.stands(now) >= self.lost_timeout:
+            self.restart.do_without_recorder()
+            self.get_logger().warning(
+                f"step {step}: {RECORDER} is lost; continuing without it"
+            )
 
     def _wait_for_the_lost(self, now: float) -> None:
         """Log the awaited robots; continue or end by the parameters."""
@@ -335,7 +378,7 @@ class WorldSimulator(ParameterNode):
         self.remind(self.reminder, f"{names} at step {side.world.step}")
         if self.lost_timeout <= stands:
             why = f"the world has waited for {stands:.0f} s for {names}"
-            saved = "all is saved; start all nodes again with parameter resume"
+            saved = "all is saved; start all nodes again"
             if not self.values["out"]:
                 saved = "parameter 'out' is empty: the run is not saved"
             raise RunError(f"step {side.world.step}: {why}; {saved}")
@@ -368,6 +411,25 @@ class WorldSimulator(ParameterNode):
         if rate > 0:
             self._rate_timer = self.create_timer(1 / rate, self.beat)
         self._timed_rate = rate
+
+    def _watch_the_rate(self, now: float) -> None:
+        """Say once which rate the world keeps, if it is clearly less than the wanted one."""
+        wanted = self.values["rate"]
+        rate, since, before = self._watched
+        step = self.lockstep.world.step
+        if wanted != rate or self.state not in (State.RUNNING, State.RESTING):
+            self._watched = (wanted, now, step)
+            return
+        seconds = now - since
+        if seconds < PROGRESS_SECONDS:
+            return
+        self._watched = (wanted, now, step)
+        made = step - before
+        if made + 1 < CLEARLY_LESS * wanted * seconds and self._missed != wanted:
+            self._missed = wanted
+            self.get_logger().warning(
+                f"rate {wanted:g} cannot be kept: {made / seconds:.3g} steps/s"
+            )
 
     def beat(self) -> None:
         """The next step is due, by the `rate`; it is made as soon as all actions are there.
@@ -423,6 +485,7 @@ class WorldSimulator(ParameterNode):
         world = self.lockstep.world
         run = self.run
         rate, moved = self.speed.report(now)
+        self._watch_the_rate(now)
         values = {
             **self._counts(),
             "messages_dropped": self.subscriber.total,

@@ -150,6 +150,7 @@ class WorldTopics:
             began=side.began,
             order=order,
             oldest=oldest,
+            save_at=side.save_at,
         )
         message = status(self._run.scenario.name, state, said.values())
         self._status_publisher.publish(message)
