@@ -235,8 +235,11 @@ const TAKE = {
     learning = busy && !learned;
   },
   film(message) {
+    if (message.seconds.length) {
+      showTeam(false);
+      view.look(); // it has a size again
+    }
     film.load(message);
-    if (message.seconds.length) showTeam(false);
   },
 };
 TAKE.error = TAKE.problem;
