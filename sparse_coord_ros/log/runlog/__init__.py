@@ -3,7 +3,7 @@
 """The log of a run without ROS.
 
 - Read: `columns` and `decode` decode a bag's messages; `run_messages` sorts them by topic and time
-  step, with the service events (`dialogue`), the robots' tables (`recorded_tables`) and the run
+  step, with the robots' tables (`recorded_tables`) and the run
   (`bag_run`). `segments` chains several files. `log` has the run as arrays, `window` a part of a
   long one.
 - Replayed: `replay` lets an agent follow a robot's actions. `relearned` has the tables of any time
