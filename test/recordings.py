@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String, UInt8MultiArray
@@ -331,6 +332,13 @@ def write_tables(writer, run, name, step, packed):
     message = tables_message(packed, step, "checkpoint", "")
     at = step * messages_of(run).period
     writer.write(channel, serialize_message(message), at, at)
+
+
+def chunks_in(path):
+    """Return the (offset, length) of each chunk of a whole MCAP file."""
+    with open(path, "rb") as file:
+        found = make_reader(file).get_summary().chunk_indexes
+    return sorted((one.chunk_start_offset, one.chunk_length) for one in found)
 
 
 @functools.cache

@@ -23,7 +23,7 @@ def execute(options: argparse.Namespace) -> None:
     from sparse_coord_ros.log.bags.layout import being_recorded
     from sparse_coord_ros.log.bags.reader import open_bag
 
-    bag = open_bag(options.bag)
+    bag = open_bag(options.bag, keep=False)
     found = _information(
         bag, recording=not bag.finished and being_recorded(bag.files[-1].path)
     )
@@ -43,7 +43,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "recording": recording,
         "damage": bag.damage,
         "ends_early": bag.ends_early(f"message {bag.message_count}"),
-        "compression": bag.compressions,
+        "compression": sorted(bag.compressions),
         "run": record,
         "versions": {
             name.removeprefix("version_"): said for name, said in versions.items()
@@ -64,8 +64,8 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
             for name, topic in sorted(bag.topics.items())
         ],
         "attachments": [
-            {"name": one.name, "type": one.media_type, "bytes": one.size}
-            for one in bag.attachments
+            {"name": name, "type": kind, "bytes": size}
+            for name, kind, size in bag.attachments
         ],
     }
 

@@ -29,9 +29,9 @@ def execute(options: argparse.Namespace) -> int:
         found = verify(options.bag, bar.show)
     log = found.log
     facts = {name: value for name, value in vars(found).items() if name != "log"}
-    facts["bag"] = log.bag.path
+    facts["bag"] = log.path
     facts["identical"] = found.same
-    facts["segments"] = log.messages.segments
+    facts["segments"] = log.segments
     facts["damage"] = log.damage
     tell(options, facts, *_account(found), *_answer(found))
     if found.undecided is not None:
@@ -42,7 +42,7 @@ def execute(options: argparse.Namespace) -> int:
 def _account(found) -> Iterator[str]:
     """Yield the lines on the run, the amount of computation, and the notes."""
     log = found.log
-    yield str(log.bag.path)
+    yield str(log.path)
     if log.damage is not None:
         yield log.damage
     learner = f"{log.run.learner}, greedy" if log.run.greedy else log.run.learner
@@ -58,9 +58,9 @@ def _account(found) -> Iterator[str]:
         yield f"{name}: {count}"
     if log.run.bodies:
         yield "the robots have bodies: the result of each move is taken from the log"
-    for file, step in zip(log.bag.files, log.messages.segments, strict=True):
-        if step >= 0:
-            yield f"{file.path.name}: goes on from the checkpoint of time step {step}"
+    for number, (file, step) in enumerate(zip(log.files, log.segments, strict=True)):
+        if number and step:
+            yield f"{file}: goes on from the checkpoint of time step {step}"
 
 
 def _answer(found) -> Iterator[str]:

@@ -78,13 +78,13 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
     history = log.history()
     if not history.episodes:
         raise RunError(
-            f"{log.bag.path}: holds no episode to show: no transition is in the log; see "
+            f"{log.path}: holds no episode to show: no transition is in the log; see "
             "'sparse_coord info'"
         )
     first = np.searchsorted(log.step, history.first_step)
     starts = [robot.start for robot in log.run.scenario.robots]
     own = (log.cells[first] == starts).all(axis=1)
-    number = chosen(wanted, history, own, str(log.bag.path))
+    number = chosen(wanted, history, own, str(log.path))
     rows = range(first[number], first[number] + history.length[number])
     steps = tuple(logged_step(log, row) for row in rows)
     return Episode(number, log.run.greedy, steps, bool(history.arrived[number].all()))

@@ -24,10 +24,10 @@ from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_histo
 from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY, Bag, bag_files
+from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.window import MOVES, LongLog
-from sparse_coord_ros.protocol.wire import PERCEPT
+from sparse_coord_ros.log.runlog.reading import read_run
 
 RESULTS_FILE = "results.json"
 """What a directory of `sparse_coord reproduce` has."""
@@ -68,13 +68,13 @@ class OpenedRun:
     @cached_property
     def config(self) -> RunConfig:
         """The run's configuration; errors as in `load_run` and `read_run`."""
-        return (
-            self.recording.run if self.directory is None else load_run(self.directory)
-        )
+        if self.directory is not None:
+            return load_run(self.directory)
+        return find_run(Bag(bag_files(self.path))).run
 
     @cached_property
-    def recording(self) -> LongLog:
-        """The bag; only its description of the run is read yet.
+    def log(self) -> RunLog:
+        """The run's log.
 
         Raises:
             RunError: the run was not recorded.
@@ -83,17 +83,8 @@ class OpenedRun:
         if self.bag is None:
             remedy = "'sparse_coord run' records one, 'train' does not"
             raise RunError(f"{self.path}: has no bag; {remedy}")
-        return LongLog(self.bag)
-
-    @cached_property
-    def log(self) -> RunLog:
-        """The run's log: states, actions, rewards and percepts.
-
-        Errors as in `recording`.
-        """
-        recording = self.recording
         self.say(f"reading {self.bag}")
-        log = recording.whole([*MOVES, PERCEPT])
+        log = read_run(self.bag)
         if log.damage is not None:
             self.say(log.damage)
         return log
@@ -110,7 +101,7 @@ class OpenedRun:
             return load_team(self.directory, scenario, self.config.known_rule)
         tables = []
         for k, robot in enumerate(scenario.robots):
-            entry = self.recording.tables_before(k)
+            entry = self.log.tables_before(k)
             if entry is None:
                 said = f"holds no tables of {robot.name}; see 'sparse_coord info'"
                 raise TablesError(f"{self.path}: {said}")

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.protocol.wire import PerceptEnd
+from sparse_coord_ros.protocol.wire import PERCEPT, PerceptEnd
 
 TRAIL = 60
 """Length of a trail in time steps."""
@@ -83,7 +83,10 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
     said = zip(
         log.move[row], log.asked[row], log.peer[row], log.perceived[row], strict=True
     )
-    rewards = [None if r[-1] != r[-1] else Reward(*r) for r in log.reward[row].tolist()]
+    rewards = [
+        None if np.isnan(one).any() else Reward(*one.tolist())
+        for one in log.rewards[row]
+    ]
     followed = row + 1 < len(log.step) and log.step[row + 1] == log.step[row] + 1
     acted = followed and any(reward is not None for reward in rewards)
     actions = tuple(
@@ -97,7 +100,7 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
     if acted:
         inter = interactions_of(log.run.scenario)
         met = miscoordinates(inter, log.cells[row], log.cells[row + 1])
-    told = [PerceptEnd.said(end) for end in log.ended[row]]
+    told = [PerceptEnd.said(end) for end in log.column(PERCEPT.name)[row]]
     ends = [PerceptEnd.LATE if end is None else end for end in told]
     step = int(log.step[row])
     cells = _known(log.cells[row])

@@ -120,7 +120,7 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
                     ]
                     assert cells[0] == log.cells[row, k]
                     assert (len(cells) > 1) == log.perceived[row, k]
-        acted = np.isfinite(log.reward[:, k, 0]).sum()
+        acted = np.isfinite(log.rewards[:, k, 0]).sum()
         asked = log.asked[:, k].sum()
         perceived = log.perceived[:, k].sum()
         assert counts["local_state"] == (log.cells[:, k] >= 0).sum()

@@ -56,6 +56,7 @@ def test_a_run_that_was_finished_already_is_said_to_be(
         }
 
     monkeypatch.setattr("sparse_coord_ros.cli.live.run", run)
+    monkeypatch.setattr("sparse_coord_ros.cli.run.load_run", lambda out: None)
     code, printed, _ = sparse_coord("run", "--resume", "out")
     assert code == 0
     assert "5 steps (the run was already finished), " in printed

@@ -1,6 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,7 +61,7 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     row, k = np.argwhere(log.asked & ~log.perceived)[0].tolist()
     numbers = log.numbers.copy()
     numbers[row, k, ACTION.column("percept")] = end
-    changed = log.with_changes(numbers=numbers)
+    changed = replace(log, numbers=numbers)
     [one] = [one for one in questions_of(logged_step(changed, row)) if one.asker == k]
     assert one.outcome == outcome
     assert one.in_words(log.names).startswith(

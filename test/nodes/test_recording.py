@@ -13,8 +13,6 @@ from std_msgs.msg import String
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.bags.reader import open_bag
-from sparse_coord_ros.log.runlog.bag_run import find_run
-from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
 from sparse_coord_ros.protocol.wire import Occasion, RunState
 from sparse_coord_ros.protocol.wire.status import (
     NO_ATTEMPT,
@@ -187,4 +185,3 @@ def test_tables_are_written_when_the_bag_holds_everything_before_them(recording)
     assert written == [
         (f"/{robot}/tables", step) for step in (0, 7) for robot in robots
     ]
-    assert checkpoints_in(bag, *find_run(bag)) == [0, 7]

@@ -18,8 +18,8 @@ from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.runlog import read_run
+from sparse_coord_ros.log.runlog.growing import GrowingLog
 from sparse_coord_ros.log.runlog.relearned import Relearned
-from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -133,9 +133,8 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
         ".map((one) => one.textContent)",
     )
     cell = int(re.search(r"cell (\d+)", title)[1])
-    again = LongLog(bag)
+    again = GrowingLog(bag)
     [(at, tables), _] = Relearned(again).tables(wanted).values()
-    again.bag.close()
     assert at == wanted
     assert shown[1:] == [f"{value:.2f}" for value in tables.q_star[cell]]
 

@@ -5,6 +5,7 @@
 import re
 from collections import Counter
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,14 +68,14 @@ def test_arrays_are_what_the_simulation_says(run):
         for k in robots:
             if actions[k] is None:
                 assert log.action[row, k] == log.move[row, k] == log.peer[row, k] == -1
-                assert np.isnan(log.reward[row, k]).all() and not log.asked[row, k]
+                assert np.isnan(log.rewards[row, k]).all() and not log.asked[row, k]
                 continue
             _, decision, action, perceived = choices[k]
             assert log.action[row, k] == decision.action
             assert log.move[row, k] == action.move
             assert (log.asked[row, k], log.peer[row, k]) == (action.asked, action.peer)
             assert log.perceived[row, k] == action.perceived
-            assert tuple(log.reward[row, k]) == outcome.rewards[k][:4]
+            assert tuple(log.rewards[row, k]) == outcome.rewards[k]
             expected = [-1] * len(run.names)
             for peer, cell in zip(decision.peers, perceived or (), strict=False):
                 expected[peer] = cell
@@ -104,7 +105,7 @@ def test_a_data_frame(run):
     assert frame["asked"].sum() == log.asked.sum()
     second = frame[frame["robot"] == "robot_2"].set_index("step")
     assert second["cell"].tolist() == log.cells[:, 1].tolist()
-    assert second["reward"].sum() == np.nansum(log.reward[:, 1, 3])
+    assert second["reward"].sum() == np.nansum(log.column("total")[:, 1])
     assert second["percept_robot_1"].tolist() == log.percept[:, 1, 0].tolist()
 
 
@@ -135,13 +136,11 @@ def test_a_history_counts_whole_transitions_only(run):
     kept[3:6] = False  # nobody recorded these: the length of their episode is unknown
     arrays = vars(log)
     rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray)}
-    assert log.with_changes(**rows).history().first_step[0] == whole.first_step[1]
-    row, k = np.argwhere(log.asked & ~np.isnan(log.reward[..., -1]))[0]
+    assert replace(log, **rows).history().first_step[0] == whole.first_step[1]
+    row, k = np.argwhere(log.asked & ~np.isnan(log.column("total")))[0]
     rewards = log.rewards.copy()
     rewards[row, k] = np.nan  # the world went on without the robot
-    assert (
-        log.with_changes(rewards=rewards).history().asks.sum() == whole.asks.sum() - 1
-    )
+    assert replace(log, rewards=rewards).history().asks.sum() == whole.asks.sum() - 1
 
 
 def test_a_history_without_penalty_has_its_miscoordinations(record):

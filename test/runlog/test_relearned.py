@@ -7,8 +7,8 @@ import pytest
 from teams import Traces, plain_run, tables_equal
 
 from sparse_coord_ros.log.runlog import read_run, relearned, verify
+from sparse_coord_ros.log.runlog.growing import GrowingLog
 from sparse_coord_ros.log.runlog.relearned import Relearned
-from sparse_coord_ros.log.runlog.window import LongLog
 from sparse_coord_ros.protocol.wire.messages import Messages
 
 
@@ -21,13 +21,13 @@ def bag(record, request):
 
 def check(bag, count):
     """Compare the tables of so many random steps with those of `train`, stopped there."""
-    log = LongLog(bag)
+    log = GrowingLog(bag)
     whole = read_run(bag)
     rng = np.random.default_rng(3)
     steps = [*rng.integers(0, log.last_step + 1, count).tolist(), 0, log.last_step]
     steps += [333, 334, 340, 333, 335]  # back and on again
     done = np.searchsorted(
-        whole.step[~np.isnan(whole.reward[:, :, 0]).all(axis=1)], steps
+        whole.step[~np.isnan(whole.rewards[:, :, 0]).all(axis=1)], steps
     )
     again = Relearned(log)
     found = {}
@@ -39,7 +39,6 @@ def check(bag, count):
     for step, transitions in sorted(zip(steps, done.tolist(), strict=True)):
         training.advance(transitions)
         assert tables_equal(list(found[step].values()), training.tables), step
-    log.bag.close()
 
 
 def test_tables_of_any_step_are_those_of_train_stopped_there(bag, monkeypatch):
@@ -56,12 +55,11 @@ def test_tables_of_50_random_steps(record, monkeypatch, learner, kept):
 
 
 def test_what_nobody_wants_any_more_gives_the_recorded_tables(bag):
-    log = LongLog(bag)
+    log = GrowingLog(bag)
     at = log.table_steps()[0][1]
     recorded = log.tables_before(0, at).tables
     found = Relearned(log).tables(at + 50, lambda: False)
     assert found[0][0] == at and tables_equal([found[0][1]], [recorded])
-    log.bag.close()
 
 
 def test_behind_a_loss_the_recorded_tables_are_given(record, rewritten, tmp_path):
@@ -72,12 +70,11 @@ def test_behind_a_loss_the_recorded_tables_are_given(record, rewritten, tmp_path
         tmp_path / "bag",
         lambda messages: [one for one in messages if one.log_time_ns not in lost],
     )
-    log = LongLog(directory)
+    log = GrowingLog(directory)
     again = Relearned(log)
     before, behind = [at for at in log.table_steps()[0] if 0 < at][:2]
     assert again.tables(320)[0][0] == before < 300 < behind
     assert again.tables(behind + 10)[0][0] == behind + 10
-    log.bag.close()
 
 
 def test_a_log_of_a_learner_with_a_memory_of_its_own(record, tmp_path):

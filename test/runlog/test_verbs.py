@@ -6,6 +6,7 @@ import json
 import math
 
 import pytest
+from recordings import chunks_in
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.actions import ACTIONS
@@ -104,9 +105,9 @@ def test_unreadable(sparse_coord, tmp_path):
 
 def test_damage_is_said(sparse_coord, record, tmp_path):
     bag = open_bag(record(chunk=50_000).bag)
-    [blocks] = bag.blocks
+    chunks = chunks_in(bag.path)
     data = bytearray(bag.path.read_bytes())
-    data[blocks[len(blocks) // 2].offset + 100] ^= 1
+    data[chunks[len(chunks) // 2][0] + 100] ^= 1
     (tmp_path / "bad_0.mcap").write_bytes(data)
     code, out, _ = sparse_coord("verify", tmp_path / "bad_0.mcap")
     assert code == 3

@@ -62,7 +62,7 @@ def test_verified(logged, robots):
 def test_a_robot_that_asks_only_to_learn_moves_by_its_policy(logged, robots):
     """It asks in every step; where its policy asks, too, it makes the greedy move."""
     log = read_run(logged[robots].bag)
-    acted = ~np.isnan(log.reward[:, 0, 0])
+    acted = ~np.isnan(log.rewards[:, 0, 0])
     assert coordinations(log, 0) == log.step[acted].tolist()
     told = {True: 0, False: 0}
     for one in explained(log, 0, coordinations(log, 0)):
@@ -144,7 +144,7 @@ def test_other_partners_in_the_log_differ(logged, rewritten, tmp_path):
     together = log.rewards[..., -1] > 0
     assert (
         together.sum() > 4
-        and (log.rewards[..., -1][log.reward[..., 1] == 0] == 0).all()
+        and (log.rewards[..., -1][log.rewards[..., 1] == 0] == 0).all()
     )
     row, k = (int(n) for n in next(zip(*together.nonzero(), strict=True)))
     topic = f"/{log.names[k]}/reward"

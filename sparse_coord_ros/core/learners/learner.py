@@ -451,15 +451,17 @@ class Learner:
     def begun(self, scenario: Scenario, robot: int) -> Any:
         """Return what a robot (from 0) remembers before learning; its arrays are its own."""
         with self.blamed("making what a robot remembers"):
-            mind = self.initial(scenario, robot)
-            if not isinstance(mind, getattr(self, "Mind", ())):
+            mind: Any = self.initial(scenario, robot)
+            kind: Any = getattr(self, "Mind", ())
+            if not isinstance(mind, kind):
                 raise TypeError(
                     f"initial returned {in_short(mind)}, allowed: the learner's Mind, with all "
                     "its fields; write an initial for a Mind of your own"
                 )
-            if not {"q_star", "updates"} <= set(mind._fields):
+            fields = mind._asdict()
+            if not {"q_star", "updates"} <= set(fields):
                 raise TypeError(
-                    f"its Mind has the fields {', '.join(mind._fields)}; it needs q_star and "
+                    f"its Mind has the fields {', '.join(fields)}; it needs q_star and "
                     "updates, too"
                 )
             if scenario.prior == "map":

@@ -229,7 +229,9 @@ def check_action(action: int, count: int) -> None:
     A compiled loop would write beside its arrays.
     """
     if not 0 <= action < count:
-        raise IndexError("it chose an action that it does not have: actions are 0 to 4, moves 0 to 3")
+        raise IndexError(
+            "it chose an action that it does not have: actions are 0 to 4, moves 0 to 3"
+        )
 
 
 def asks_surely(values: Any) -> Any:

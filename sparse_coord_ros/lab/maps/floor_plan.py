@@ -26,9 +26,6 @@ BAND = 2.0
 CLEAR_DIRECTION = 1.25
 """How much better the main direction must explain the walls than the median direction."""
 
-WALL_SHARE = 0.3
-"""Where less of what borders on free space is occupied, the rest shows walls, too."""
-
 FEWEST_POINTS = 50
 """Pixels of walls; fewer show no direction."""
 
@@ -105,30 +102,34 @@ def wall_direction(plan: FloorPlan) -> float | None:
 
     It lies between -45 and 45 degrees. Seen along the walls, their pixels fall on few lines: the
     angle is that for which the numbers of pixels on each line of rows and of columns have the
-    largest sum of squares.
+    largest sum of squares. Occupied pixels are tried, and all at the edge of free space; the
+    clearer direction counts.
 
     Returns:
         None if there are few walls, or if no direction is much better than the others.
     """
-    points = _wall_points(plan)
-    if len(points) < FEWEST_POINTS:
-        return None
-    coarse = np.arange(-45.0, 45.0, COARSE)
-    sharpness = np.array([_sharpness(points, angle) for angle in coarse])
-    if sharpness.max() < CLEAR_DIRECTION * np.median(sharpness):
-        return None
-    best = coarse[sharpness.argmax()]
-    fine = np.arange(best - COARSE, best + COARSE, FINE)
-    best = max(fine, key=lambda angle: _sharpness(points, angle))
-    return math.remainder(math.radians(best), math.pi / 2)
-
-
-def _wall_points(plan: FloorPlan) -> np.ndarray:
-    """Return (x, y) in pixels of walls beside free space, shape (points, 2)."""
     edges = ~plan.free & ndimage.binary_dilation(plan.free, np.ones((3, 3)))
-    walls = plan.occupied & edges
-    if walls.sum() < WALL_SHARE * edges.sum():  # walls are grey
-        walls = edges
+    clearest = CLEAR_DIRECTION
+    direction = None
+    for walls in (plan.occupied & edges, edges):
+        points = _points(walls)
+        if len(points) < FEWEST_POINTS:
+            continue
+        coarse = np.arange(-45.0, 45.0, COARSE)
+        sharpness = np.array([_sharpness(points, angle) for angle in coarse])
+        clear = float(sharpness.max() / np.median(sharpness))
+        if clear < clearest:
+            continue
+        clearest = clear
+        best = coarse[sharpness.argmax()]
+        fine = np.arange(best - COARSE, best + COARSE, FINE)
+        _, best = max((_sharpness(points, angle), angle) for angle in fine)
+        direction = math.remainder(math.radians(best), math.pi / 2)
+    return direction
+
+
+def _points(walls: np.ndarray) -> np.ndarray:
+    """Return (x, y) of pixels, shape (points, 2); of many a sample."""
     down, across = np.nonzero(walls)
     points = np.column_stack([across, -down]).astype(np.float64)
     if len(points) > MOST_POINTS:

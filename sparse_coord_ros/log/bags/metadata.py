@@ -14,8 +14,10 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.base.yaml_text import Dumper
-from sparse_coord_ros.log.bags.records import LATEST_NS
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
+
+LATEST_NS = 2**63 - 1
+"""rosbag2 stores times as signed 64 bit nanoseconds."""
 
 METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"

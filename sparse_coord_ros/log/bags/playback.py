@@ -115,8 +115,7 @@ class Playback:
             due = self._deadline(next_ns)
             wait = due - self.now_ns()
             if wait > 0:
-                self.playlist.prepare()
-                return max(0, due - self.now_ns())
+                return wait
             self.on_time(next_ns)
             self._send(self.playlist.take())
             self.late_ns = max(self.late_ns or 0, self.now_ns() - due)

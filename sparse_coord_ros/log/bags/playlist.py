@@ -1,19 +1,14 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a bag in the order of their log times, from any position, in little memory.
+"""The messages of a bag in the order of their log times, from any position."""
 
-One pass notes time and topic of every message (18 bytes each). Then the file is streamed. Only a
-message that comes in the file before one with an earlier log time is kept until its turn.
-"""
-
-from array import array
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 
 import numpy as np
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.log.bags import segments
-from sparse_coord_ros.log.bags.reader import Bag, Message
+from sparse_coord_ros.log.bags.reader import Bag, Message, Part
+from sparse_coord_ros.protocol.wire import LOCAL_STATE
 from sparse_coord_ros.protocol.wire.messages import SECOND
 
 LEAST_GAP = 5 * SECOND
@@ -24,10 +19,10 @@ GAP_STEPS = 20
 class Playlist:
     """A bag's messages in the order of log time; messages of equal times in file order.
 
-    Messages that a later segment of the bag supersedes are left out.
+    Messages that a later file of the bag supersedes are left out.
 
     Args:
-        bag: an open bag.
+        bag: a bag with its messages.
         topics: the topics to play; they must have messages.
         kept: topics whose last message stays valid until the next, such as latched ones.
 
@@ -45,28 +40,25 @@ class Playlist:
         self, bag: Bag, topics: Collection[str], kept: Collection[str] = ()
     ) -> None:
         self._bag = bag
-        self._topics = frozenset(topics)
-        numbers = {name: number for number, name in enumerate(sorted(self._topics))}
-        log_times = array("q")
-        kinds = array("H")
-        for message in segments.messages(bag, self._topics):
-            log_times.append(message.log_time_ns)
-            kinds.append(numbers[message.topic])
-        if not log_times:
-            raise BagError(
-                f"bag {bag.path}: no message to play on {', '.join(sorted(topics))}"
-            )
-        times = np.frombuffer(log_times, np.int64)
-        order = np.argsort(times, kind="stable")
-        self._times = times[order]
-        self._kinds = np.frombuffer(kinds, np.uint16)[order]
-        self._places = np.empty(len(order), np.int64)
-        self._places[order] = np.arange(len(order))
-        self._kept = [numbers[name] for name in sorted(kept) if name in numbers]
-        clock = numbers.get(bag.clock or "")
-        ticks = (
-            self._times[self._kinds == clock] if clock in self._kinds else self._times
+        chosen = [self._chosen(part, topics) for part in bag.parts]
+        if not sum(map(len, chosen)):
+            names = ", ".join(sorted(topics))
+            raise BagError(f"bag {bag.path}: no message to play on {names}")
+        heads = np.concatenate(
+            [part.heads[places] for part, places in zip(bag.parts, chosen, strict=True)]
         )
+        parts = np.repeat(np.arange(len(chosen)), [len(places) for places in chosen])
+        order = np.argsort(heads["log_ns"], kind="stable")
+        self._times = heads["log_ns"][order]
+        self._kinds = heads["topic"][order]
+        self._parts = parts[order]
+        self._places = np.concatenate(chosen)[order]
+        known = {name: place for place, name in enumerate(bag.names)}
+        self._kept = [known[name] for name in sorted(kept) if name in known]
+        clock = known.get(bag.clock or "", -1)
+        ticks = self._times[self._kinds == clock]
+        if not len(ticks):
+            ticks = self._times
         self._ticks = np.unique(np.append(ticks, self._times[0]))
         self.start_ns = int(self._times[0])
         self.end_ns = int(self._times[-1])
@@ -75,10 +67,17 @@ class Playlist:
         if self.step_count > 1:
             usual_ns = int(np.median(np.diff(self._ticks)))
             self.longest_wait_ns = max(LEAST_GAP, GAP_STEPS * usual_ns)
-        self._stream: Iterator[tuple[int, Message]] = iter(())
-        self._waiting: dict[int, Message] = {}
         self._next = 0
-        self.seek(self.start_ns)
+
+    def _chosen(self, part: Part, topics: Collection[str]) -> np.ndarray:
+        """Return the places of the messages to play in a part, without superseded ones."""
+        end_ns = self._bag.ends_ns[part.file]
+        places = self._bag.chosen(part, topics)
+        times = part.heads["log_ns"][places]
+        # An episode may end with the states of the very step at which a segment begins.
+        states = [one for one in topics if one.endswith(f"/{LOCAL_STATE.name}")]
+        last = np.isin(places, self._bag.chosen(part, states)) & (times == end_ns)
+        return places[(times < end_ns) | last]
 
     def __len__(self) -> int:
         """Return the number of messages."""
@@ -116,37 +115,15 @@ class Playlist:
             np.flatnonzero(self._kinds[: self._next] == kind)[-1:]
             for kind in self._kept
         )
-        wanted = sorted(int(last[0]) for last in lasts if len(last))
-        messages = segments.messages(self._bag, self._topics)
-        self._stream = zip(memoryview(self._places.data), messages, strict=False)
-        self._waiting.clear()
-        found = {place: self._find(place, set(wanted)) for place in wanted}
-        return [found[place] for place in wanted]
-
-    def prepare(self) -> None:
-        """Read ahead, so that the next `take` need not wait for the disk."""
-        if self._next < len(self._times):
-            self._waiting[self._next] = self._find(self._next)
+        return [self._at(int(last[0])) for last in sorted(lasts, key=list) if len(last)]
 
     def take(self) -> Message:
-        """Return the next message; there must be one (`next_ns`).
-
-        Raises:
-            BagError: the bag has changed on disk.
-        """
-        message = self._find(self._next)
+        """Return the next message; there must be one (`next_ns`)."""
+        message = self._at(self._next)
         self._next += 1
         return message
 
-    def _find(self, wanted: int, also: Collection[int] = ()) -> Message:
-        """Return the message at a place: a kept one, or one further on in the file."""
-        if wanted in self._waiting:
-            return self._waiting.pop(wanted)
-        for place, message in self._stream:
-            if place == wanted:
-                return message
-            if place >= self._next or place in also:
-                self._waiting[place] = message
-        raise BagError(
-            f"bag {self._bag.path}: has changed while it was played; start again"
-        )
+    def _at(self, number: int) -> Message:
+        """Return a message by its place in the order of log times."""
+        part = self._bag.parts[self._parts[number]]
+        return self._bag.message(part, int(self._places[number]))

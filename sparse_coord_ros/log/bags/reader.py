@@ -1,31 +1,65 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bag reader: finished and unfinished bags, damaged ones up to there; without ROS."""
+"""The bag reader: MCAP files of any writer, up to their end or their first damage; without ROS.
+
+mcap's `StreamReader` reads the records. The messages in a chunk become columns (`heads`): to make
+an object of each message takes ten times as long.
+"""
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    Footer,
+    McapRecord,
+    Metadata,
+    Schema,
+)
+from mcap.records import Message as MessageRecord
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
-from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.base.errors import BagError, message_of
+from sparse_coord_ros.base.files import refuse_stand_in
 from sparse_coord_ros.core.runs.run_config import RUN_FILE
-from sparse_coord_ros.log.bags.contents import Attachment, BagFile, Block, Part
+from sparse_coord_ros.log.bags.heads import (
+    MESSAGE_HEAD,
+    DamagedChunk,
+    message_heads,
+)
 from sparse_coord_ros.log.bags.layout import (
     CONVERT,
     PARTIAL,
     RESCUE,
+    WANTED,
     being_recorded,
     failing,
+    open_to_read,
 )
-from sparse_coord_ros.log.bags.records import MESSAGE
-from sparse_coord_ros.log.bags.topics import BagTopic
-from sparse_coord_ros.protocol.wire import CLOCK
+from sparse_coord_ros.log.bags.metadata import LATEST_NS, FileSummary
+from sparse_coord_ros.log.bags.topics import BagTopic, topic_of
+from sparse_coord_ros.protocol.wire import CLOCK, RUN
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
+
+MAGIC = b"\x89MCAP0\r\n"
+OTHER_BAGS = (b"SQLite format 3\0", b"#ROSBAG V")
+"""The first bytes of bags that are not read: ROS 2's .db3, and ROS 1's."""
+
+LONGEST_SIGN = 64
+"""Bytes that say what a file is."""
+
+TOGETHER = 1 << 20
+"""Bytes of messages that are handed over together."""
 
 
 class Message(NamedTuple):
@@ -36,7 +70,8 @@ class Message(NamedTuple):
         data: the serialised message with its CDR header.
         log_time_ns: time of reception.
         publish_time_ns: time of publication.
-        sequence: its place in its channel; `BagWriter` counts from 0 in each file.
+        sequence: its place in its channel, if the writer counts; `BagWriter` does, from 0 in each
+            file.
     """
 
     topic: str
@@ -46,45 +81,273 @@ class Message(NamedTuple):
     sequence: int
 
 
+class Part(NamedTuple):
+    """Messages that are together in a bag.
+
+    Attributes:
+        file: number of their file, from 0.
+        content: bytes that contain their data.
+        begins: offset of each one's data in it, shape (messages,).
+        heads: their heads, of type `heads.MESSAGE_HEAD`, same shape; `topic` is the place of their
+            topic in `Bag.names`.
+    """
+
+    file: int
+    content: bytes
+    begins: np.ndarray
+    heads: np.ndarray
+
+    def data(self, place: int) -> bytes:
+        """Return the data of a message."""
+        begin = int(self.begins[place])
+        return self.content[begin : begin + int(self.heads["size"][place])]
+
+
+class BagFile:
+    """One MCAP file of a bag.
+
+    Attributes:
+        path: the file.
+        finished: whether it has its end, as far as it was read.
+        damage: the first damage, its place and one sentence; None: none was found.
+        size: its size in bytes.
+        counts: number of messages by topic.
+        start_ns, end_ns: log times of its earliest and latest message; 0 without any.
+        begins_ns: log time of its first message on a topic `run`; 0 without any.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.finished = False
+        self.damage: str | None = None
+        self.size = 0
+        self.counts: Counter[str] = Counter()
+        self.start_ns = self.end_ns = 0
+        self.begins_ns = 0
+        self.read_to = 0
+        self.schemas: dict[int, Schema] = {}
+        self.topic_of = np.full(1 << 16, -1)  # by channel
+
+    @property
+    def summary(self) -> FileSummary:
+        """Its description in `metadata.yaml`."""
+        return FileSummary(
+            self.path.name, dict(self.counts), self.start_ns, self.end_ns
+        )
+
+    def records(self) -> Iterator[McapRecord]:
+        """Yield the records from where reading has ended so far, chunks whole."""
+        if self.finished:
+            return
+        whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
+        if whole.exists():  # its recorder has finished it meanwhile
+            self.path = whole
+        with open_to_read(self.path) as file, failing(f"cannot read {self.path}"):
+            self.size = file.seek(0, 2)
+            file.seek(self.read_to)
+            if not self.read_to:
+                check_begin(self.path, file.read(LONGEST_SIGN))
+                file.seek(len(MAGIC))
+                self.read_to = len(MAGIC)
+            stream: Any = _Exact(file)
+            reader = StreamReader(stream, skip_magic=True, emit_chunks=True)
+            try:
+                for record in reader.records:
+                    yield record
+                    self.read_to = file.tell()
+                    if isinstance(record, Footer):
+                        self.finished = True
+                        return
+            except EndOfFile:
+                # Where the file has its end, a record that ends beyond it is damaged.
+                if _tail(file) == MAGIC:
+                    self.note_damage(DamagedChunk("a record ends beyond the file"))
+            except OSError:
+                raise
+            except Exception as error:  # the library may raise any exception
+                self.note_damage(error)
+
+    def note_damage(self, error: Exception) -> None:
+        """Note that the next record is damaged."""
+        self.damage = f"byte {self.read_to}: {message_of(error)}"
+
+    def note(self, heads: np.ndarray, names: Sequence[str]) -> None:
+        """Count messages."""
+        counts = np.bincount(heads["topic"])
+        for place in np.flatnonzero(counts).tolist():
+            self.counts[names[place]] += int(counts[place])
+            if not self.begins_ns and names[place].endswith(f"/{RUN.name}"):
+                self.begins_ns = int(heads["log_ns"][heads["topic"] == place][0])
+        times = int(heads["log_ns"].min()), int(heads["log_ns"].max())
+        self.start_ns = min(self.start_ns, times[0]) if self.end_ns else times[0]
+        self.end_ns = max(self.end_ns, times[1])
+
+
+def check_begin(path: Path, begin: bytes) -> None:
+    """Raise BagError if a file does not begin as an MCAP file."""
+    if begin.startswith(MAGIC):
+        return
+    refuse_stand_in(path, begin, BagError)
+    if begin.startswith(OTHER_BAGS):
+        raise BagError(f"{path} is a bag of another format; {CONVERT}")
+    raise BagError(f"{path} is not an MCAP file: it does not start as one; {WANTED}")
+
+
+class _Exact:
+    """A file of which a read that comes too short raises EndOfFile."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, length: int) -> bytes:
+        """Return bytes of this number."""
+        data = self._file.read(length)
+        if len(data) < length:
+            raise EndOfFile
+        return data
+
+
+def _tail(file: BinaryIO) -> bytes:
+    """Return the last bytes of a file, of the magic's length."""
+    file.seek(-min(len(MAGIC), file.seek(0, 2)), 2)
+    return file.read()
+
+
 class Bag:
-    """The content of a bag: of one file, or of several one after the other.
+    """A bag of one file, or of several one after the other.
+
+    What it says is known as far as `read` has gone.
 
     Args:
-        files: its files in their order.
-        blocks: for each file, the blocks to read; None: all.
+        paths: its files in their order.
 
     Attributes:
         files: its files.
         path: the file; for several files their directory.
-
-    Raises:
-        BagError: files do not belong together, or contain a run in another format.
+        topics: by name.
+        names: the topics' names, in the order in which they were found.
+        sizes: bytes of the messages' data by topic.
+        metadata: the texts of the first metadata record of each name.
+        attachments: name, media type and size of each attachment.
+        compressions: the compressions of its chunks: some of `zstd`, `lz4` and `none`.
+        parts: the messages, if they are kept.
     """
 
-    def __init__(
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.files = tuple(map(BagFile, paths))
+        self.path = paths[0] if len(paths) == 1 else paths[0].parent
+        self.topics: dict[str, BagTopic] = {}
+        self.names: list[str] = []
+        self.sizes: Counter[str] = Counter()
+        self.metadata: dict[str, Mapping[str, str]] = {}
+        self.attachments: list[tuple[str, str, int]] = []
+        self.compressions: set[str] = set()
+        self.parts: list[Part] = []
+
+    def read(self) -> Iterator[Part]:
+        """Yield the messages that were not read yet, in the order of the files.
+
+        Raises:
+            BagError: a file cannot be read, or does not begin as MCAP.
+        """
+        for number, file in enumerate(self.files):
+            waiting: list[tuple[bytes, np.ndarray, np.ndarray]] = []
+            loose: list[MessageRecord] = []
+            for record in file.records():
+                try:
+                    if isinstance(record, MessageRecord):
+                        self._check_channel(file, record.channel_id)
+                        loose.append(record)
+                    elif isinstance(record, Chunk):
+                        waiting.append(self._messages(file, record))
+                    else:
+                        self._take(file, record)
+                except Exception as error:  # the libraries may raise any exception
+                    file.note_damage(error)
+                    break
+                if sum(len(one[0]) for one in waiting) > TOGETHER or len(loose) > 1000:
+                    yield from self._together(number, waiting, loose)
+            yield from self._together(number, waiting, loose)
+
+    def _together(
         self,
-        files: Sequence[BagFile],
-        blocks: Sequence[Sequence[Block]] | None = None,
-    ) -> None:
-        self.files = tuple(files)
-        self._blocks = blocks
-        self.path = files[0].path if len(files) == 1 else files[0].path.parent
-        topics: dict[str, BagTopic] = {}
-        for file in self.files:
-            for topic in file.topics.values():
-                if topics.setdefault(topic.name, topic).schema != topic.schema:
-                    what = f"topic {topic.name} has another definition than in the file before"
-                    remedy = "these are no parts of one bag; name one"
-                    raise BagError(f"{file.path}: {what}: {remedy}")
+        number: int,
+        waiting: list[tuple[bytes, np.ndarray, np.ndarray]],
+        loose: list[MessageRecord],
+    ) -> Iterator[Part]:
+        """Yield what waits, as one part, and forget it."""
+        if loose:
+            waiting.append(_outside_of_chunks(loose))
+        contents = [content for content, _, _ in waiting]
+        starts = np.cumsum([0, *map(len, contents)])
+        begins = [
+            places + start
+            for (_, places, _), start in zip(waiting, starts, strict=False)
+        ]
+        heads = [one for _, _, one in waiting]
+        waiting.clear()
+        loose.clear()
+        if not sum(map(len, heads)):
+            return
+        file = self.files[number]
+        part = Part(
+            number, b"".join(contents), np.concatenate(begins), np.concatenate(heads)
+        )
+        part.heads["topic"] = file.topic_of[part.heads["channel"]]
+        file.note(part.heads, self.names)
+        sizes = np.bincount(part.heads["topic"], part.heads["size"])
+        for place in np.flatnonzero(sizes).tolist():
+            self.sizes[self.names[place]] += int(sizes[place])
+        yield part
+
+    def _messages(
+        self, file: BagFile, chunk: Chunk
+    ) -> tuple[bytes, np.ndarray, np.ndarray]:
+        """Return a chunk's content and its messages; any exception: it is damaged."""
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        content = stream.read(size)
+        if size != chunk.uncompressed_size:
+            raise DamagedChunk("a chunk has another size than it says")
+        self.compressions.add(chunk.compression or "none")
+        begins, heads, others = message_heads(content)
+        for opcode, body in others:
+            if opcode == Opcode.SCHEMA:
+                self._take(file, Schema.read(body))
+            elif opcode == Opcode.CHANNEL:
+                self._take(file, Channel.read(body))
+        for channel in np.unique(heads["channel"]).tolist():
+            self._check_channel(file, channel)
+        return content, begins, heads
+
+    def _check_channel(self, file: BagFile, channel: int) -> None:
+        if file.topic_of[channel] < 0:
+            raise DamagedChunk(f"a message of the unknown channel {channel}")
+
+    def _take(self, file: BagFile, record: McapRecord) -> None:
+        """Take in a record that is no message."""
+        if isinstance(record, Schema):
+            file.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            if record.topic not in self.topics:
+                self.topics[record.topic] = topic_of(record, file.schemas)
+                self.names.append(record.topic)
+                self.sizes[record.topic] = 0
+            file.counts[record.topic] += 0
+            file.topic_of[record.id] = self.names.index(record.topic)
+        elif isinstance(record, Metadata):
+            self.metadata.setdefault(record.name, record.metadata)
+        elif isinstance(record, Attachment):
+            said = record.name, record.media_type, len(record.data)
+            self.attachments.append(said)
 
     @property
     def finished(self) -> bool:
-        """True if its recorder closed its last file."""
+        """True if its last file has its end."""
         return self.files[-1].finished
 
     @property
     def damage(self) -> str | None:
-        """The first damage that reading has found, with its place; None: there is none.
+        """The first damage, with its place; None: none was found.
 
         A bag that is only unfinished is not damaged.
         """
@@ -108,47 +371,22 @@ class Bag:
         return None
 
     @property
-    def topics(self) -> dict[str, BagTopic]:
-        """The topics by name."""
-        found: dict[str, BagTopic] = {}
-        for file in self.files:
-            for topic in file.topics.values():
-                found.setdefault(topic.name, topic)
-        return found
+    def ends_ns(self) -> list[int]:
+        """For each file the log time from which later files supersede it.
 
-    @property
-    def clock(self) -> str | None:
-        """The topic of the clock, with any name; None: the bag has no clock.
-
-        Its type identifies it. Of several, it is the one with the usual name, else the one with
-        most messages.
+        A further file begins with the run at the time of a checkpoint, to which the team has gone
+        back. What files before it have from then on is superseded.
         """
-        topics = self.topics
-        counts = self.counts
-        found = sorted(
-            name for name in topics if topics[name].type_name == CLOCK.type_name
-        )
-        return max(
-            found, key=lambda one: (one == f"/{CLOCK.name}", counts[one]), default=None
-        )
-
-    @property
-    def channels(self) -> Mapping[int, str]:
-        """The topic of each channel, by the number in the heads of `parts`."""
-        return dict(enumerate(self.topics, start=1))
+        begins = [file.begins_ns or LATEST_NS for file in self.files]
+        return [
+            min(begins[place + 1 :], default=LATEST_NS) for place in range(len(begins))
+        ]
 
     @property
     def counts(self) -> Counter[str]:
         """Messages by topic."""
         return Counter(
-            {n: sum(file.counts[n] for file in self.files) for n in self.topics}
-        )
-
-    @property
-    def sizes(self) -> Counter[str]:
-        """Bytes of the messages' data by topic."""
-        return Counter(
-            {n: sum(file.sizes[n] for file in self.files) for n in self.topics}
+            {name: sum(file.counts[name] for file in self.files) for name in self.names}
         )
 
     @property
@@ -159,145 +397,97 @@ class Bag:
     @property
     def start_ns(self) -> int:
         """Earliest log time; 0 without messages."""
-        return min(
-            (block.start_ns for blocks in self.blocks for block in blocks), default=0
-        )
+        return min((file.start_ns for file in self.files if file.counts), default=0)
 
     @property
     def end_ns(self) -> int:
         """Latest log time; 0 without messages."""
+        return max(file.end_ns for file in self.files)
+
+    @property
+    def clock(self) -> str | None:
+        """The topic of the clock, with any name; None: the bag has no clock.
+
+        Its type identifies it. Of several, it is the one with the usual name, else the one with
+        most messages.
+        """
+        kind = CLOCK.type_name
+        found = sorted(
+            name for name, one in self.topics.items() if one.type_name == kind
+        )
+        counts = self.counts
         return max(
-            (block.end_ns for blocks in self.blocks for block in blocks), default=0
+            found, key=lambda one: (one == f"/{CLOCK.name}", counts[one]), default=None
         )
 
-    @property
-    def blocks(self) -> Sequence[Sequence[Block]]:
-        """The places of the messages in each file."""
-        return (
-            [file.blocks for file in self.files]
-            if self._blocks is None
-            else self._blocks
-        )
-
-    @property
-    def compressions(self) -> tuple[str, ...]:
-        """The compressions of its chunks: some of `zstd`, `lz4` and `none`."""
-        return tuple(
-            sorted({name for file in self.files for name in file.compressions})
-        )
-
-    @property
-    def attachments(self) -> tuple[Attachment, ...]:
-        """Its attachments; their data are read on access."""
-        return tuple(one for file in self.files for one in file.attachments)
-
-    @property
-    def metadata(self) -> dict[str, Mapping[str, str]]:
-        """The texts of the first metadata record of each name."""
-        records = [record for file in self.files for record in file.metadata]
-        return dict(reversed(records))
-
-    def between(self, first_ns: int, last_ns: int) -> "Bag":
-        """Return the blocks with messages of some log times, as a bag."""
-
-        def inside(block: Block) -> bool:
-            return block.end_ns >= first_ns and block.start_ns <= last_ns
-
-        return Bag(
-            self.files,
-            [list(filter(inside, each)) for each in self.blocks],
-        )
-
-    def extend(self) -> bool:
-        """Read on in the last file if it has grown; return whether it has new records."""
-        return self.files[-1].extend()
-
-    def close(self) -> None:
-        """Close files that are still open."""
-        for file in self.files:
-            file.close()
-
-    def messages(
-        self,
-        topics: Collection[str] | None = None,
-        files: Iterable[int] | None = None,
-    ) -> Iterator[Message]:
-        """Yield the messages up to the first damage, in the order of the file.
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """Yield the messages that were kept, in the order of the files.
 
         Args:
             topics: names of the topics to yield; None: all.
-            files: numbers (from 0) of the files to read; None: all.
-
-        Raises:
-            BagError: the file has changed since it was opened, or cannot be read.
         """
-        if topics is not None and not topics:
-            return
-        for part in self.parts(files):
-            names = self.channels
-            mine = [
-                one for one, name in names.items() if topics is None or name in topics
-            ]
-            here = np.isin(part.heads["channel"], mine)
-            heads = part.heads[here]
-            begins = part.begins[here]
-            ends = begins + heads["length"].astype(np.int64) - MESSAGE.size
-            fields = (
-                heads[name] for name in ("channel", "log_ns", "publish_ns", "sequence")
-            )
-            columns = (column.tolist() for column in (begins, ends, *fields))
-            content = part.content
-            for begin, end, channel, log_ns, publish_ns, sequence in zip(
-                *columns, strict=True
-            ):
-                yield Message(
-                    names[channel], content[begin:end], log_ns, publish_ns, sequence
-                )
+        for part in self.parts:
+            for place in self.chosen(part, topics).tolist():
+                yield self.message(part, place)
 
-    def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
-        """Yield the messages up to the first damage, many together, with the bag's channels.
+    def chosen(self, part: Part, topics: Collection[str] | None) -> np.ndarray:
+        """Return the places of the messages of some topics in a part."""
+        if topics is None:
+            return np.arange(len(part.heads))
+        mine = [place for place, name in enumerate(self.names) if name in topics]
+        return np.flatnonzero(np.isin(part.heads["topic"], mine))
 
-        Args:
-            files: numbers (from 0) of the files to read; None: all.
-
-        Raises:
-            BagError: the file has changed since it was opened, or cannot be read.
-        """
-        table = np.zeros(1 << 16, dtype=np.uint16)
-        for place in range(len(self.files)) if files is None else files:
-            file = self.files[place]
-            for part in file.parts(tuple(self.blocks[place])):
-                numbers = {name: channel for channel, name in self.channels.items()}
-                for channel, topic in file.topics.items():
-                    table[channel] = numbers[topic.name]
-                part.heads["channel"] = table[part.heads["channel"]]
-                yield part
+    def message(self, part: Part, place: int) -> Message:
+        """Return a message of a part."""
+        head = part.heads[place]
+        numbers = (int(head[name]) for name in ("log_ns", "publish_ns", "sequence"))
+        return Message(self.names[head["topic"]], part.data(place), *numbers)
 
 
-def open_bag(path: Path, *, checked: bool = True) -> Bag:
-    """Open a bag.
+def _outside_of_chunks(
+    messages: Sequence[MessageRecord],
+) -> tuple[bytes, np.ndarray, np.ndarray]:
+    """Return messages as the content of a chunk has them."""
+    content = b"".join(message.data for message in messages)
+    sizes = [len(message.data) for message in messages]
+    heads = np.zeros(len(messages), MESSAGE_HEAD)
+    heads["size"] = sizes
+    for name, values in (
+        ("channel", [message.channel_id for message in messages]),
+        ("sequence", [message.sequence for message in messages]),
+        ("log_ns", [message.log_time for message in messages]),
+        ("publish_ns", [message.publish_time for message in messages]),
+    ):
+        heads[name] = values
+    return content, np.cumsum([0, *sizes[:-1]]), heads
+
+
+def open_bag(path: Path, *, keep: bool = True) -> Bag:
+    """Read a bag.
 
     Args:
         path: a bag's directory, that of a run with a `bag` in it, an `.mcap` or an
             `.mcap.partial` file.
-        checked: read all of it once, and count the messages; else only find the places of
-            records, see `BagFile`.
+        keep: keep the messages; else they are only counted.
 
     Returns:
         The bag; if it is damaged, as far as it can be read.
 
     Raises:
         BagError: the file is missing, the directory contains no bag file or several that are not
-            parts of one bag, or a file does not begin as MCAP, contains messages that are not of
-            ROS 2, or a run in another format than this version's.
+            parts of one bag, or a file does not begin as MCAP.
     """
-    return Bag([BagFile(file, checked=checked) for file in bag_files(Path(path))])
+    bag = Bag(bag_files(Path(path)))
+    for part in bag.read():
+        if keep:
+            bag.parts.append(part)
+    return bag
 
 
 def continued(directory: Path) -> Bag | None:
-    """Open the bag in a directory that a recorder will continue with a further file.
+    """Read the bag in a directory that a recorder will continue with a further file.
 
-    Files of a recorder that was killed before it had written anything are removed.
+    Files of a recorder that was killed before it had written a message are removed.
 
     Returns:
         None if there is none: no directory, or an empty one, which is removed.
@@ -321,12 +511,8 @@ def continued(directory: Path) -> Bag | None:
 
 
 def _begun(file: Path) -> bool:
-    """Return whether a file of a bag contains anything."""
-    if file.stat().st_size == 0:
-        return False
-    bag = open_bag(file, checked=False)
-    bag.close()
-    return bool(bag.files[0].blocks)
+    """Return whether a file of a bag contains a message."""
+    return file.stat().st_size > 0 and any(True for _ in Bag([file]).read())
 
 
 _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")

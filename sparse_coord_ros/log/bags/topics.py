@@ -7,7 +7,7 @@ A player offers the recorded quality of service: without `transient_local` in th
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +15,6 @@ from mcap.records import Channel, Schema
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.yaml_text import yaml_value
-from sparse_coord_ros.log.bags.records import Damage
 
 # rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: rosbag2 records it for a publisher without a deadline,
 # lifespan or lease.
@@ -96,6 +95,7 @@ class BagTopic(NamedTuple):
         schema: the type's definition with its dependencies.
         qos: the profile of each publisher.
         type_hash: the type's RIHS01 hash, empty if unknown.
+        encoding: the encoding of its messages: `cdr` in bags of ROS 2.
     """
 
     name: str
@@ -103,27 +103,18 @@ class BagTopic(NamedTuple):
     schema: str
     qos: tuple[QoS, ...] = (QoS(),)
     type_hash: str = ""
+    encoding: str = "cdr"
 
 
-def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTopic:
-    """Return the topic of a channel record and its schema.
-
-    Args:
-        channel: the record.
-        schemas: the known schemas, by id.
-        offset: the record's offset in the file, for the error.
-
-    Raises:
-        BagError: the messages are not of ROS 2.
-        Damage: the records contradict each other.
-    """
-    if channel.message_encoding != "cdr":
-        what = f"topic {channel.topic!r} is encoded as {channel.message_encoding!r}, not cdr"
-        raise BagError(f"this MCAP file is not a ROS 2 bag: {what}")
+def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> BagTopic:
+    """Return the topic of a channel record and its schema, if it has one."""
     schema = schemas.get(channel.schema_id)
-    if schema is None:
-        raise Damage(offset, f"topic {channel.topic!r} has no type")
+    name = ""
+    text = ""
+    if schema is not None:
+        name = schema.name
+        text = schema.data.decode(errors="replace")
     qos = profiles_from_text(channel.metadata.get("offered_qos_profiles", ""))
-    text = schema.data.decode(errors="replace")
     type_hash = channel.metadata.get("topic_type_hash", "")
-    return BagTopic(channel.topic, schema.name, text, qos, type_hash)
+    encoding = channel.message_encoding
+    return BagTopic(channel.topic, name, text, qos, type_hash, encoding)

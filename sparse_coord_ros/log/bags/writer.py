@@ -11,6 +11,7 @@ from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.log.bags.layout import create_bag_file, write_text
 from sparse_coord_ros.log.bags.metadata import (
+    LATEST_NS,
     METADATA_FILE,
     METADATA_RECORD,
     FileSummary,
@@ -20,7 +21,6 @@ from sparse_coord_ros.log.bags.metadata import (
     yaml_text,
 )
 from sparse_coord_ros.log.bags.reader import Bag, stem_and_number
-from sparse_coord_ros.log.bags.records import LATEST_NS
 from sparse_coord_ros.log.bags.schemas import schema_text, stored_name, type_hash
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log of a run without ROS.
 
-- Read: `columns` and `decode` decode a bag's messages; `run_messages` sorts them by topic and time
-  step, with the robots' tables (`recorded_tables`) and the run
-  (`bag_run`). `segments` chains several files. `log` has the run as arrays, `window` a part of a
-  long one.
+- Read: `reading` makes a bag a `RunLog` (`log`) in three steps: read, sort, arrange. It uses
+  `bag_run` (the run), `decode` (single messages), `dialogue` (service events) and
+  `recorded_tables`. `growing` reads on in a bag that grows.
 - Replayed: `replay` lets an agent follow a robot's actions. `relearned` has the tables of any time
   step.
 - Verified: `verify`, a loop over the time steps, by `game_check` (the world), `agents` and
@@ -14,7 +13,8 @@
 """
 
 from sparse_coord_ros.log.runlog.difference import Difference, Undecided
-from sparse_coord_ros.log.runlog.log import RunLog, read_run
+from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.reading import read_run
 from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.log.runlog.verify import Verification, verify
 

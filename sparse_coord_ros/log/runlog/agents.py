@@ -41,7 +41,7 @@ def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]
     entry = first_entry(logged, due, k)
     if entry is None:
         return fresh, None
-    return fresh, log.messages.difference(0, k, *_of_tables(entry))
+    return fresh, Difference(0, log.names[k], *_of_tables(entry))
 
 
 def _of_tables(entry: tuple[str, str, str]) -> tuple[str, str, str]:
@@ -90,7 +90,7 @@ class AgentCheck:
         if self._log.run.greedy:
             return 0
         done = self.trajectory
-        rewarded = ~np.isnan(self._log.reward[done.row, self._k, 0])
+        rewarded = ~np.isnan(self._log.column("individual")[done.row, self._k])
         return int((rewarded & ~done.learned)[: self.choices].sum())
 
     def begin(self) -> Iterator[Finding]:
@@ -117,7 +117,7 @@ class AgentCheck:
         if asks != self._log.asked[self.trajectory.row[place], self._k]:
             logged, computed = f"coordinate={not asks:d}", f"coordinate={asks:d}"
             words = wire.ACTION.name, logged, computed
-            yield self._log.messages.difference(step, self._k, *words)
+            yield Difference(step, self.name, *words)
 
     def act(self, step: int) -> Iterator[Finding]:
         """Compare the action of a time step, if there is one; its percept must be right."""
@@ -154,7 +154,7 @@ class AgentCheck:
     def _learned_before(self, place: int) -> Iterator[Finding]:
         """Check that an action's number `learned` is possible."""
         step = int(self.trajectory.step[place])
-        logged = self._log.has_learned[self.trajectory.row[place], self._k]
+        logged = self._log.column("learned")[self.trajectory.row[place], self._k]
         if logged == 0.0:
             self._may_lack_an_action(place)
             return
@@ -162,7 +162,7 @@ class AgentCheck:
         if logged != 1.0 or self._log.run.greedy or not place:
             possible = logged == 1.0
             due = "0: there was nothing to learn from" if possible else "0 or 1"
-            yield self._log.messages.difference(step, self._k, *words, due)
+            yield Difference(step, self.name, *words, due)
         elif not self.trajectory.told[place - 1]:
             before = int(self.trajectory.step[place - 1])
             why = f"{self.name} learned from time step {before}, of which the log lacks messages"
@@ -187,7 +187,7 @@ class AgentCheck:
         logged = self._log.numbers[self.trajectory.row[place], self._k]
         words = different_numbers(logged, action_numbers(computed))
         step = int(self.trajectory.step[place])
-        return self._log.messages.difference(step, self._k, wire.ACTION.name, *words)
+        return Difference(step, self.name, wire.ACTION.name, *words)
 
     # Tables.
 
@@ -195,7 +195,7 @@ class AgentCheck:
         """Return the time steps of the robot's start and its checkpoints."""
         log = self._log
         every = log.run.checkpoint
-        states = log.messages.states[self._k].step
+        states = log.series[wire.LOCAL_STATE, self._k].step
         if not every or not len(states):
             return [0]
         # A robot has processed a state when it acts on it, or rests at the goal.
@@ -238,11 +238,11 @@ class AgentCheck:
         words = first_entry(entry.arrays, due, self._k)
         if words is not None:
             quantity = _of_tables(words)
-            yield self._log.messages.difference(entry.step, self._k, *quantity)
+            yield Difference(entry.step, self.name, *quantity)
 
     def _due_counts(self, entry: RecordedTables, end: int) -> dict[str, int]:
         """Return the counts beside tables, with the percepts of the first `end` actions."""
-        ended = self._log.ended[self.trajectory.row[:end], self._k]
+        ended = self._log.column(wire.PERCEPT.name)[self.trajectory.row[:end], self._k]
         ends = wire.PerceptEnd
         counts = {
             way.words: int((ended == way).sum())

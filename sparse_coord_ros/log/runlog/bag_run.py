@@ -2,17 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The run of a bag."""
 
-from contextlib import suppress
 from typing import NamedTuple
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.core.runs import run_config
-from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.log.bags.reader import Bag
 from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.protocol.wire import RUN
-
-REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
 
 class BagRun(NamedTuple):
@@ -28,25 +24,27 @@ class BagRun(NamedTuple):
 
 
 def find_run(bag: Bag) -> BagRun:
-    """Return the run of a bag.
+    """Return the run of a bag: its first message on a topic `run`.
+
+    The bag's files are read up to there, whatever was read of the bag.
 
     Raises:
-        BagError: the bag contains no run, or several, or has another format.
+        BagError: the bag contains no run.
         RunError, ScenarioError, SettingError: the run is not one of this version.
     """
-    named = [one for one in bag.topics.values() if one.name.endswith(f"/{RUN.name}")]
-    topics = [one.name for one in named if one.type_name == RUN.type_name]
-    no_run = f"{bag.path}: is not a bag of this package"
-    if len(topics) > 1:
-        several = f"it has several topics 'run' ({', '.join(sorted(topics))})"
-        raise BagError(f"{no_run}: {several}; {REMEDY}")
-    said = None
-    with suppress(ValueError, StopIteration):
-        said = str(Decoder(bag.topics)(*next(bag.messages(topics))[:2]).data)
-    if said is None:
-        damage = "" if bag.damage is None else f"; {bag.damage}"
-        none = f"no {RUN.type_name} on the topic '{RUN.name}'"
-        why = f"it holds no run of this software ({none}{damage})"
-        raise BagError(f"{no_run}: {why}; {REMEDY}")
-    run = run_config.run_from_yaml(said, where=str(bag.path))
-    return BagRun(run, topics[0].removesuffix(RUN.name))
+    again = Bag([file.path for file in bag.files])
+    for part in again.read():
+        for name in again.topics:
+            if not name.endswith(f"/{RUN.name}"):
+                continue
+            for place in again.chosen(part, [name]).tolist():
+                try:
+                    said = str(Decoder(again.topics)(name, part.data(place)).data)
+                except (ValueError, AttributeError):
+                    continue
+                run = run_from_yaml(said, where=str(bag.path))
+                return BagRun(run, name.removesuffix(RUN.name))
+    damage = "" if again.damage is None else f"; {again.damage}"
+    what = f"it has no {RUN.type_name} on a topic '{RUN.name}'{damage}"
+    remedy = "give the bag that 'sparse_coord run' or the recorder wrote"
+    raise BagError(f"{bag.path}: is no recorded run: {what}; {remedy}")

@@ -22,6 +22,7 @@ from sparse_coord_ros.log.runlog.replay import (
     agent_with,
     trajectory_of,
 )
+from sparse_coord_ros.protocol.wire import PERCEPT
 
 
 class Update(NamedTuple):
@@ -141,8 +142,7 @@ def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | No
     """
     if log.run.known_rule is None:
         return 0, None
-    before = [one for one in log.all_tables if one.robot == robot and one.step <= step]
-    newest = max(before, key=lambda one: one.step, default=None)
+    newest = log.tables_before(robot, step)
     if newest is not None:
         return newest.step, newest.tables.memory
     if log.run.tables or log.run.greedy:
@@ -158,7 +158,7 @@ def _logged(
     row = trajectory.row[place]
     where = int(trajectory.cell[place])
     peers = tuple(trajectory.peers[place].tolist())
-    end = percept_end(log.ended[row, robot])
+    end = percept_end(log.column(PERCEPT.name)[row, robot])
     perceived = trajectory.perceived_at(place)
     move = int(log.move[row, robot])
     return Coordination(step, robot, where, peers, end, perceived, move)
@@ -191,7 +191,7 @@ def _replayed(
         coord = (cell, *known, one.move), row[one.move], learned[one.move]
     update = Update(
         next_cell=int(trajectory.next_cell[place]),
-        reward=float(log.reward[trajectory.row[place], one.robot, -1]),
+        reward=float(log.column("total")[trajectory.row[place], one.robot]),
         star=((cell, COORDINATE), star, agent.values(cell)[COORDINATE]),
         coord=coord,
         later=later,

@@ -44,12 +44,13 @@ class WorldCheck:
     """
 
     def __init__(self, log: RunLog) -> None:
-        messages = log.messages
         self.world = World(log.run.scenario, log.run.seed)
         if log.run.bodies:
             self.world = BodyWorld(log.run.scenario, log.run.seed, slips=log.run.slips)
         self.steps: list[int] = np.unique(
-            np.concatenate([series.step for series in messages.states])
+            np.concatenate(
+                [log.series[wire.LOCAL_STATE, k].step for k in range(len(log.names))]
+            )
         ).tolist()
         self.transitions = 0
         self.left_out = 0
@@ -58,9 +59,13 @@ class WorldCheck:
         self._log = log
         self._robots = range(len(log.names))
         self._centres = [np.array(centre) for centre in log.frame.centres]
-        self._rewarded = [set(series.step.tolist()) for series in messages.rewards]
-        self._acted = [set(series.step.tolist()) for series in messages.actions]
-        self._statuses = deque(messages.statuses)
+        self._rewarded = [
+            set(log.series[wire.REWARD, k].step.tolist()) for k in self._robots
+        ]
+        self._acted = [
+            set(log.series[wire.ACTION, k].step.tolist()) for k in self._robots
+        ]
+        self._statuses = deque(log.statuses)
         self._move = log.move.tolist()
         self._asked = log.asked.tolist()
         self._begun = False
@@ -107,7 +112,7 @@ class WorldCheck:
                 yield _lost(step, f"the state of {log.names[k]}")
             elif logged.tobytes() != due.tobytes():
                 words = wire.LOCAL_STATE.name, self._place(logged), self._place(due)
-                yield log.messages.difference(step, k, *words)
+                yield Difference(step, log.names[k], *words)
 
     def _place(self, where: np.ndarray) -> str:
         x, y = where.tolist()
@@ -147,7 +152,7 @@ class WorldCheck:
             due = np.array(outcome.rewards[k], dtype=np.float64)
             if logged.tobytes() != due.tobytes():
                 words = wire.REWARD.name, _parts(logged.tolist()), _parts(due.tolist())
-                yield self._log.messages.difference(step, k, *words)
+                yield Difference(step, self._log.names[k], *words)
         self.transitions += 1
         self.left_out += len(left)
 
@@ -159,7 +164,7 @@ class WorldCheck:
         if over or world.arrived[k]:
             due = "none" if over else "none: it has arrived"
             words = wire.REWARD.name, "there", due
-            yield log.messages.difference(step, k, *words)
+            yield Difference(step, log.names[k], *words)
         elif step not in self._acted[k]:
             yield _lost(step, f"the action of {log.names[k]}")
 
@@ -189,8 +194,8 @@ class WorldCheck:
         later = log.step[log.step > world.step].tolist()
         if later:
             yield _lost(later[0], "the states")
-        statuses = log.messages.statuses
-        if left and statuses and statuses[-1].state not in wire.OVER:
+        statuses = log.statuses
+        if left and (not statuses or statuses[-1].state not in wire.OVER):
             why = "the world does not show how the run ended"
             yield Undecided(world.step, why)
 

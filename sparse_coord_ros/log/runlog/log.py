@@ -3,10 +3,10 @@
 """A recorded run as NumPy arrays over time step and robot."""
 
 from collections.abc import Mapping, Sequence
-from copy import copy
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,17 +17,14 @@ from sparse_coord_ros.core.game.interactions import (
     miscoordinations,
 )
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
-from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
-from sparse_coord_ros.log.runlog.difference import Difference
-from sparse_coord_ros.log.runlog.run_messages import (
-    RunMessages,
-    Series,
-    read_messages,
-)
-from sparse_coord_ros.protocol.wire import ACTION, PERCEPT, REWARD
-from sparse_coord_ros.protocol.wire.messages import MOVE_OF, Messages, action_from
+from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.log.runlog.difference import Finding
+from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
+from sparse_coord_ros.protocol.wire import ACTION, REWARD, Topic
+from sparse_coord_ros.protocol.wire.messages import Messages
+from sparse_coord_ros.protocol.wire.status import RunStatus
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,130 +32,91 @@ if TYPE_CHECKING:
 NONE = -1
 
 
+class Series(NamedTuple):
+    """The messages of a robot on a topic; n of them.
+
+    Attributes:
+        step: their time steps, ascending, shape (n,).
+        rows: their contents, shape (n,), by the form of the topic (`protocol.wire.messages`).
+    """
+
+    step: np.ndarray
+    rows: np.ndarray
+
+
+@dataclass(frozen=True, repr=False, eq=False)
 class RunLog:
     """A recorded run: T recorded time steps, K robots; a missing value is -1, False or NaN.
 
-    Args:
-        messages: the messages of the bag, or of a part of it.
+    `reading.arrange` makes it.
 
     Attributes:
-        bag: the bag: topics, counts, damage.
+        path: the bag.
+        files: the names of its files.
+        segments: for each file the checkpoint at which it begins; 0: the run's beginning, or none.
         run: the run.
+        frame: converts the run's time steps and metres.
         names: the robots, in the scenario's order.
+        damage: one line if the bag is damaged or has no end: how far it was read; else None.
+        series: the messages by topic and robot's number.
+        statuses: the world's statuses, in the order of the log.
+        all_tables: all recorded tables.
+        problems: unreadable messages and tables, and messages that contradict each other.
         step: shape (T,), int64, ascending.
         episode: number of the episode, from 0, shape (T,).
+        position: (x east, y north) in metres, shape (T, K, 2).
         cells: local states X_k(t), shape (T, K), int32.
-        position: the same in metres (x east, y north), shape (T, K, 2).
-        action: A_k(t), 0 to 3 a move, 4 COORDINATE, shape (T, K), int8.
-        move: the primitive action after it, shape (T, K), int8.
+        rewards: R_k(t) and its parts, by the labels of `wire.REWARD`: shape (T, K, 5), float64.
+        numbers: the actions' numbers as logged, by the labels of `wire.ACTION`: shape (T, K, 7),
+            float64.
+        move: the primitive action, shape (T, K), int8.
         peer: the asked robot, from 0; NOBODY (-1) for no robot or several, shape (T, K).
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
-        rewards: individual, common, ask_cost, total, and the partners of an interaction, as
-            of `core.game.world.Reward`; NaN if the log does not contain them, shape (T, K, 5),
-            float64.
-        numbers: the actions' numbers as logged, by the labels of `wire.ACTION`: shape (T, K, 7),
-            float64.
-        tables: by (robot's number, time step); of several of a time step the last.
-        all_tables: all recorded tables, in the order of the log.
-        messages: the given messages, with their problems.
-        frame: converts the run's time steps and metres.
     """
 
-    def __init__(self, messages: RunMessages) -> None:
-        self.messages = messages
-        self.bag = messages.bag
-        self.run = messages.run
-        self.names = messages.names
-        self.frame = Messages(self.run)
-        self.all_tables = tuple(messages.tables)
-        self.step = self._recorded_steps()
-        self.episode = np.cumsum(np.diff(self.step, prepend=self.step[:1]) > 1)
-        self.position = self._filled(messages.states, "xy", 2)
-        self.cells = cell_numbers(self.frame, self.position)
-        self.rewards = self._filled(messages.rewards, "numbers", len(REWARD.labels))
-        self.numbers = self._filled(messages.actions, "numbers", len(ACTION.labels))
-        self.move = self._moves()
-        self.peer = self._asked_peers()
-        moved = self.move != NONE
-        self.asked = moved & (self._number("coordinate") != 0)
-        self.perceived = moved & (self._number("perceived") != 0)
-        self.action = np.where(self.asked, np.int8(COORDINATE), self.move)
-        self.percept = self._perceived_cells()
-        self._note_malformed_actions()
-
-    def _recorded_steps(self) -> np.ndarray:
-        """Return the time steps with a message of any robot, ascending."""
-        of_robots = [self.messages.of_robot(k) for k in range(len(self.names))]
-        return np.unique(
-            np.concatenate([one.step for series in of_robots for one in series])
-        )
-
-    def _filled(self, series: Sequence[Series], field: str, width: int) -> np.ndarray:
-        """Return a field of each robot's messages, NaN without a message, shape (T, K, width)."""
-        found = np.full((len(self.step), len(self.names), width), np.nan)
-        for k, one in enumerate(series):
-            values = one.rows[field]
-            rows = np.searchsorted(self.step, one.step)
-            found[rows, k, : values.shape[1]] = values
-        return found
-
-    def _number(self, label: str) -> np.ndarray:
-        """Return one of the actions' numbers, shape (T, K)."""
-        return self.numbers[..., ACTION.column(label)]
-
-    def _moves(self) -> np.ndarray:
-        """Return the primitive actions; NONE for a malformed or missing action."""
-        directions = self.numbers[..., :2].reshape(-1, 2).tolist()
-        moves = [MOVE_OF.get((east, north), NONE) for east, north in directions]
-        found = np.array(moves, dtype=np.int8).reshape(self.cells.shape)
-        found[~np.isfinite(self._number("peer"))] = NONE
-        return found
-
-    def _asked_peers(self) -> np.ndarray:
-        """Return the asked robots; NOBODY for no robot or several."""
-        logged = self._number("peer")
-        found = np.full(self.cells.shape, NOBODY, dtype=np.int16)
-        known = (self.move != NONE) & (logged >= 0) & (logged <= len(self.names))
-        found[known] = logged[known].astype(np.int16) - 1
-        return found
-
-    def _perceived_cells(self) -> np.ndarray:
-        """Return the cells that robots perceived, by the perceived robot, shape (T, K, K)."""
-        robots = range(len(self.names))
-        found = np.full((*self.cells.shape, len(robots)), NONE, dtype=np.int32)
-        for k, percepts in enumerate(self.messages.percepts):
-            others = [other for other in robots if other != k]
-            if not others:
-                continue
-            rows = np.searchsorted(self.step, percepts.step)
-            seen = cell_numbers(self.frame, percepts.rows["places"])[:, 1:]
-            peer = self.peer[rows, k]
-            one = peer != NOBODY
-            found[rows[one], k, peer[one]] = seen[one, 0]
-            found[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
-        return found
-
-    def _note_malformed_actions(self) -> None:
-        """Note the messages whose numbers are not a valid action."""
-        logged = ~np.isnan(self.numbers[..., 0])
-        for row, k in np.argwhere(logged & (self.move == NONE)).tolist():
-            try:
-                action_from(self.numbers[row, k].tolist())
-            except ValueError as error:
-                words = ACTION.name, f"a message that {error}", "an action"
-                found = self.messages.difference(int(self.step[row]), k, *words)
-                self.messages.problems.append(found)
+    path: Path
+    files: Sequence[str]
+    segments: Sequence[int]
+    run: RunConfig
+    frame: Messages
+    names: Sequence[str]
+    damage: str | None
+    series: Mapping[tuple[Topic, int], Series]
+    statuses: Sequence[RunStatus]
+    all_tables: Sequence[RecordedTables]
+    problems: Sequence[Finding]
+    step: np.ndarray
+    episode: np.ndarray
+    position: np.ndarray
+    cells: np.ndarray
+    rewards: np.ndarray
+    numbers: np.ndarray
+    move: np.ndarray
+    peer: np.ndarray
+    asked: np.ndarray
+    perceived: np.ndarray
+    percept: np.ndarray
 
     def __repr__(self) -> str:
         """Return scenario, learner, seed and length on one line."""
         run = f"{self.run.scenario.label}; {self.run.learner}, seed {self.run.seed}"
-        return f"<RunLog {run}; {len(self.step):,} steps in {self.bag.path}>"
+        return f"<RunLog {run}; {len(self.step):,} steps in {self.path}>"
 
-    @property
-    def reward(self) -> np.ndarray:
-        """Individual, common, ask_cost, total: shape (T, K, 4)."""
-        return self.rewards[..., : REWARD.column("partners")]
+    def column(self, label: str) -> np.ndarray:
+        """Return one number of the rewards or actions, shape (T, K).
+
+        Args:
+            label: one of the labels of `wire.REWARD` or `wire.ACTION`, such as "total".
+        """
+        if label in REWARD.labels:
+            return self.rewards[..., REWARD.column(label)]
+        return self.numbers[..., ACTION.column(label)]
+
+    @cached_property
+    def action(self) -> np.ndarray:
+        """A_k(t), 0 to 3 a move, 4 COORDINATE, shape (T, K), int8."""
+        return np.where(self.asked, np.int8(COORDINATE), self.move)
 
     @cached_property
     def row_of(self) -> Mapping[int, int]:
@@ -166,30 +124,33 @@ class RunLog:
         return {step: row for row, step in enumerate(self.step.tolist())}
 
     @property
-    def damage(self) -> str | None:
-        """One line if the bag is damaged or has no end: how far it was read; else None."""
-        return self.bag.ends_early(f"time step {self.step.max(initial=0)}")
-
-    @property
-    def problems(self) -> tuple[Difference, ...]:
-        """Unreadable messages and tables, and messages that contradict each other."""
-        return tuple(self.messages.problems)
-
-    @property
     def whole(self) -> bool:
         """True if it has all robots' states of each of its time steps, and no step is missing."""
         no_jump = bool((np.diff(self.step) <= EPISODE_GAP).all())
         return no_jump and not (self.cells == NONE).any()
 
-    @property
-    def ended(self) -> np.ndarray:
-        """The ends of percepts, by `wire.PerceptEnd`; NaN without a percept; shape (T, K)."""
-        return self._number(PERCEPT.name)
+    def tables_before(
+        self, robot: int, step: int | None = None
+    ) -> RecordedTables | None:
+        """Return a robot's newest tables of a time step or earlier; None: there are none.
 
-    @property
-    def has_learned(self) -> np.ndarray:
-        """1 if an action reports that its robot learned from the one before, shape (T, K)."""
-        return self._number("learned")
+        Args:
+            robot: its number from 0.
+            step: the time step; None: the newest of all.
+        """
+        known = [
+            one
+            for one in self.all_tables
+            if one.robot == robot and (step is None or one.step <= step)
+        ]
+        return max(known, key=lambda one: one.step, default=None)
+
+    def table_steps(self) -> list[list[int]]:
+        """Return for each robot the time steps of its tables, ascending."""
+        steps: list[set[int]] = [set() for _ in self.names]
+        for one in self.all_tables:
+            steps[one.robot].add(one.step)
+        return list(map(sorted, steps))
 
     @cached_property
     def tables(self) -> Mapping[tuple[int, int], Tables]:
@@ -214,21 +175,17 @@ class RunLog:
         )
 
     def between(self, first: int, last: int) -> "RunLog":
-        """Return the time steps from `first` to `last`, both included."""
+        """Return the time steps from `first` to `last`, both included.
+
+        The messages, statuses and tables stay.
+        """
         rows = slice(*np.searchsorted(self.step, [first, last + 1]))
         arrays = {
-            name: value[rows]
-            for name, value in vars(self).items()
-            if isinstance(value, np.ndarray)
+            one.name: getattr(self, one.name)[rows]
+            for one in fields(self)
+            if isinstance(getattr(self, one.name), np.ndarray)
         }
-        return self.with_changes(**arrays)
-
-    def with_changes(self, **changes: object) -> "RunLog":
-        """Return the same log with some attributes changed."""
-        log = copy(self)
-        vars(log).pop("row_of", None)
-        vars(log).update(changes)
-        return log
+        return replace(self, **arrays)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each time step and robot.
@@ -260,10 +217,9 @@ class RunLog:
         columns |= {
             f"percept_{name}": self.percept[..., k] for k, name in enumerate(self.names)
         }
-        labels = ("individual", "common", "ask_cost", "reward")
-        columns |= {
-            label: self.reward[..., place] for place, label in enumerate(labels)
-        }
+        named = {"ask_cost": "ask_cost", "reward": "total"}
+        named = {"individual": "individual", "common": "common"} | named
+        columns |= {name: self.column(label) for name, label in named.items()}
         return data_frame({name: values.ravel() for name, values in columns.items()})
 
     def history(self) -> History:
@@ -273,7 +229,7 @@ class RunLog:
         """
         scenario = self.run.scenario
         goals = np.array([robot.goal for robot in scenario.robots])
-        rewarded = ~np.isnan(self.reward[..., -1])
+        rewarded = ~np.isnan(self.column("total"))
         made = rewarded.any(axis=1)
         # A transition counts if the log also contains the state after it.
         made[:-1] &= np.diff(self.step) == 1
@@ -316,32 +272,3 @@ class RunLog:
         """Return the numbers of the episodes between which time steps are missing."""
         lost = np.flatnonzero(np.diff(self.step) > EPISODE_GAP)
         return np.unique(self.episode[np.concatenate([lost, lost + 1])])
-
-
-def cell_numbers(frame: Messages, places: np.ndarray) -> np.ndarray:
-    """Return the cells of positions.
-
-    Args:
-        frame: the run's frame.
-        places: in metres, shape (..., 2).
-
-    Returns:
-        The cells, `NONE` for a position in no free cell, int32, shape (...).
-    """
-    pairs = np.ascontiguousarray(places).view(np.complex128)[..., 0]
-    different, which = np.unique(pairs, return_inverse=True)
-    found = [frame.cell(pair.real, pair.imag) for pair in different.tolist()]
-    table = np.array([NONE if cell is None else cell for cell in found], dtype=np.int32)
-    return table[which.reshape(pairs.shape)]
-
-
-def read_run(path: Path) -> RunLog:
-    """Read a run's log: a bag's directory, an `.mcap` or an `.mcap.partial`.
-
-    An unfinished or damaged file is read up to there.
-
-    Raises:
-        BagError: the bag cannot be read, contains no run, or has another format.
-        RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
-    """
-    return RunLog(read_messages(Path(path)))

@@ -5,10 +5,10 @@
 from collections.abc import Iterator, Sequence
 
 from sparse_coord_ros.core.game.percepts import Percepts
-from sparse_coord_ros.log.runlog.difference import Finding, Undecided
+from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.replay import Trajectory
-from sparse_coord_ros.protocol.wire import PERCEPT, PerceptEnd
+from sparse_coord_ros.protocol.wire import PERCEPT, REWARD, PerceptEnd
 
 
 def percept_end(code: float) -> str:
@@ -27,7 +27,7 @@ class PerceptCheck:
     """
 
     def __init__(self, log: RunLog, k: int, trajectory: Trajectory) -> None:
-        percepts = log.messages.percepts[k]
+        percepts = log.series[PERCEPT, k]
         self._log = log
         self._k = k
         self._trajectory = trajectory
@@ -42,7 +42,7 @@ class PerceptCheck:
         log = self._log
         row = self._trajectory.row[place]
         step = int(self._trajectory.step[place])
-        end = float(log.ended[row, self._k])
+        end = float(log.column(PERCEPT.name)[row, self._k])
         logged = self._rows.get(step)
         if not log.asked[row, self._k]:
             if logged is not None:
@@ -92,7 +92,7 @@ class PerceptCheck:
 
         A peer that has gone on without this robot refuses, too.
         """
-        rewarded = step in self._log.messages.rewards[self._k].step
+        rewarded = step in self._log.series[REWARD, self._k].step
         refused = end == PerceptEnd.REFUSED
         if refused and rewarded and self._succeeds(step, cells, peers):
             words = PerceptEnd.REFUSED.words, PerceptEnd.ANSWERED.words
@@ -111,7 +111,7 @@ class PerceptCheck:
             yield self._difference(step, percept_end(end), words)
 
     def _difference(self, step: int, *words: str) -> Finding:
-        return self._log.messages.difference(step, self._k, PERCEPT.name, *words)
+        return Difference(step, self._log.names[self._k], PERCEPT.name, *words)
 
 
 def _cells(cells: Sequence[int | None]) -> str:

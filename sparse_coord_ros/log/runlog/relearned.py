@@ -10,10 +10,9 @@ import numpy as np
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.explain import Reason, reason_of
+from sparse_coord_ros.log.runlog.growing import GrowingLog
 from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
-from sparse_coord_ros.log.runlog.window import MOVES, LongLog
-from sparse_coord_ros.protocol import wire
 
 AT_ONCE = 2000
 """Number of time steps that are read and learned again at once."""
@@ -68,7 +67,7 @@ class Relearned:
         log: the log.
     """
 
-    def __init__(self, log: LongLog) -> None:
+    def __init__(self, log: GrowingLog) -> None:
         self._log = log
         self._kept: dict[int, list[RecordedTables]] = {}
         self._at = 0
@@ -182,9 +181,7 @@ class Relearned:
         first = saved[0].step
         wait = self._log.run.scenario.max_steps + EPISODE_GAP
         # The state before the first one shows whether an episode begins there.
-        log = self._log.read(
-            max(0, first - 1), first + AT_ONCE + wait, [*MOVES, wire.PERCEPT]
-        )
+        log = self._log.read(max(0, first - 1), first + AT_ONCE + wait)
         if not log.whole:
             return None
         done = [trajectory_of(log, one.robot, first) for one in saved]

@@ -16,7 +16,12 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.protocol.wire import ACTION_LABELS
+from sparse_coord_ros.protocol.wire import (
+    ACTION,
+    ACTION_LABELS,
+    LOCAL_STATE,
+    PERCEPT,
+)
 from sparse_coord_ros.protocol.wire.messages import action_numbers
 
 
@@ -67,13 +72,13 @@ class Trajectory(NamedTuple):
 
 def trajectory_of(log: RunLog, k: int, first: int = 0) -> Trajectory:
     """Return robot k's trajectory from a time step on; malformed actions are left out."""
-    acted = np.isin(log.step, log.messages.actions[k].step)
+    acted = np.isin(log.step, log.series[ACTION, k].step)
     known = (log.cells[:, k] != NONE) & (log.move[:, k] != NONE)
     rows = np.flatnonzero(acted & known & (log.step >= first))
     step = log.step[rows]
     next_cell = _next_cells(log, k, rows)
     peers = _peers_to_ask(log, k, step)
-    told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
+    told = (next_cell != NONE) & ~np.isnan(log.column("individual")[rows, k])
     if log.run.sees_all:
         for peer in range(len(log.names)):
             told &= log.cells[rows, peer] != NONE
@@ -87,7 +92,7 @@ def trajectory_of(log: RunLog, k: int, first: int = 0) -> Trajectory:
         seen=_seen_cells(log, k, rows, peers),
         told=told,
         learned=_learned(log, k, rows),
-        begins=~np.isin(step - 1, log.messages.states[k].step),
+        begins=~np.isin(step - 1, log.series[LOCAL_STATE, k].step),
     )
 
 
@@ -106,7 +111,7 @@ def _learned(log: RunLog, k: int, rows: np.ndarray) -> np.ndarray:
     learned = np.zeros(len(rows), dtype=bool)
     if not len(rows):
         return learned
-    learned[:-1] = log.has_learned[rows[1:], k] == 1.0
+    learned[:-1] = log.column("learned")[rows[1:], k] == 1.0
     before = int(learned.sum())
     last_step = log.step[rows[-1]]
     for entry in log.all_tables:
@@ -129,7 +134,7 @@ def _peers_to_ask(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
 
 def _seen_cells(log: RunLog, k: int, rows: np.ndarray, peers: np.ndarray) -> np.ndarray:
     """Return the cells in which a robot perceived its peers; all NONE if it did not."""
-    percepts = log.messages.percepts[k]
+    percepts = log.series[PERCEPT, k]
     whole = percepts.step[percepts.rows["count"] == 1 + peers.shape[1]]
     perceived = np.isin(log.step[rows], whole)[:, None]
     seen = np.where(perceived, log.percept[rows[:, None], k, peers], NONE)

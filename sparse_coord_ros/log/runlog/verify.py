@@ -17,8 +17,9 @@ from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.log.runlog.agents import AgentCheck
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
 from sparse_coord_ros.log.runlog.game_check import WorldCheck
-from sparse_coord_ros.log.runlog.log import RunLog, read_run
+from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.percepts import PerceptCheck
+from sparse_coord_ros.log.runlog.reading import read_run
 
 LEFT_OUT = "robots' steps that the world made without their action"
 RESETS = "episodes that began early (reset, or no robot left)"

@@ -111,6 +111,8 @@ def class_of(topic: BagTopic) -> type:
         ValueError: the type is not installed, or another version of it is.
     """
     name = ros_name(topic.type_name, topic.name)
+    if topic.encoding != "cdr":
+        raise ValueError(f"its messages are {topic.encoding}, not cdr")
     try:
         found: type = ros_topics.message_class(name)
     except (ImportError, AttributeError, ValueError):

@@ -22,8 +22,7 @@ from sparse_coord_ros.core.runs.run_config import OWN_CLOCK, RUN_RECORD, RunConf
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.process import BagProcess
 from sparse_coord_ros.log.bags.reader import Bag, continued
-from sparse_coord_ros.log.runlog.bag_run import find_run
-from sparse_coord_ros.log.runlog.recorded_tables import checkpoints_in
+from sparse_coord_ros.log.runlog.reading import read_run
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.messages import SECOND, STAMPED
@@ -496,13 +495,15 @@ class Recorder(Follower):
         self._known = self.found.attempt if run.recorded else NO_ATTEMPT
         self._earlier = continued(self.directory)
         if self._earlier is not None:
-            found = find_run(self._earlier)
-            if found.run.id != run.id:
+            log = read_run(self.directory)
+            if log.run.id != run.id:
                 remedy = "choose another one for parameter 'out'"
                 raise RunError(
                     f"{self.directory}: holds the recording of another run; {remedy}"
                 )
-            self.checkpoints = checkpoints_in(self._earlier, *found)
+            # before these the bag holds everything
+            known = [set(steps) for steps in log.table_steps() if steps]
+            self.checkpoints = sorted(set.intersection(*known)) if known else []
         self.say_progress(NO_ATTEMPT)
 
     def go_on(self, now: float) -> None:

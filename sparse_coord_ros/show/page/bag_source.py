@@ -17,11 +17,10 @@ from sparse_coord_ros.core.runs.history import blank_history, concatenated
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
+from sparse_coord_ros.log.runlog.growing import GrowingLog
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
 from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion, Relearned
-from sparse_coord_ros.log.runlog.window import LongLog
-from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page import controls, messages
 from sparse_coord_ros.show.page.counts import Counts
@@ -95,7 +94,7 @@ class BagSource(controls.Played):
         rate: as given, or wanted since.
 
     Raises:
-        SparseCoordError: as of `LongLog`.
+        SparseCoordError: as of `GrowingLog`.
     """
 
     def __init__(
@@ -107,18 +106,17 @@ class BagSource(controls.Played):
         step: int | None = None,
     ) -> None:
         super().__init__()
-        self.log = LongLog(path)
+        self.log = GrowingLog(path)
         self.run = self.log.run
         self.board = board
         self.growing = self._grows()
         if self.log.empty:
-            self.log.bag.close()
             what = "its recording has just started; try again soon"
             what = what if self.growing else "see 'sparse_coord info'"
             raise BagError(f"{path}: holds no message to show: {what}")
-        begin = self.log.begin()
-        acted = np.flatnonzero((begin.cells != NONE).any(axis=1))
-        self.first = int(begin.step[acted[0]] if len(acted) else begin.step[0])
+        log = self.log.log
+        acted = np.flatnonzero((log.cells != NONE).any(axis=1))
+        self.first = int(log.step[acted[0]] if len(acted) else log.step[0])
         self.position = float(self.log.last_step if self.growing else self.first)
         self.paused = False
         self.rate = rate
@@ -139,7 +137,7 @@ class BagSource(controls.Played):
         self._reasons_known = 0
         self._stop = threading.Event()
         fields = messages.run_fields(self.run)
-        place = self.log.bag.path
+        place = self.log.path
         in_a_folder = place.is_file() and place.parent.name != ""
         title = str(place.parent if in_a_folder else place)
         board.put("run", source="bag", title=title, controls=BAG_CONTROLS, **fields)
@@ -225,7 +223,7 @@ class BagSource(controls.Played):
     def _grows(self) -> bool:
         """Whether a recorder holds the file's lock; a renamed or removed file has no lock."""
         try:
-            return not self.log.bag.finished and being_recorded(self.log.bag.path)
+            return not self.log.finished and being_recorded(self.log.last_file)
         except BagError:
             return False
 
@@ -255,7 +253,6 @@ class BagSource(controls.Played):
             self._stop.set()
             for thread in beside:
                 thread.join()
-            self.log.bag.close()
 
     def show_at(self, step: int, *, paused: bool) -> None:
         """Show a time step; another clock than its own says which."""
@@ -267,11 +264,11 @@ class BagSource(controls.Played):
         """Take in what the file has grown by."""
         following = self.following
         growing = self._grows()
-        if self.log.bag.extend():
+        if self.log.extend():
             self._window = None
         if following:
             self.position = float(self.log.last_step)
-        if self.log.bag.finished or not growing:
+        if self.log.finished or not growing:
             self._find_highlight()
             self.growing = False
             self._notice()
@@ -441,7 +438,7 @@ class BagSource(controls.Played):
         """Say what state the file is in."""
         log = self.log
         text = ""
-        if self.growing and log.bag.damage is None:
+        if self.growing and not log.damaged:
             text = "still being recorded: the page follows it"
         elif log.damage is not None:
             text = log.damage
@@ -519,7 +516,7 @@ class BagSource(controls.Played):
                 self._tell_learned()
             while True:
                 growing = self.growing
-                for part in self.log.episodes(begin, [COORDINATION_MAP]):
+                for part in self.log.episodes(begin):
                     self._notice()
                     if self._stop.is_set():
                         return

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.log.runlog.growing import Episodes, Questions, questions_in
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.window import Episodes, Questions, questions_in
 
 SUM_EVERY = 20_000
 """Questions between two sums that are kept, so that no more than these are counted at once."""

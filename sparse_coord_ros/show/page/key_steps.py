@@ -21,9 +21,9 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.log.runlog.growing import Episodes
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.window import Episodes
-from sparse_coord_ros.protocol.wire import PerceptEnd
+from sparse_coord_ros.protocol.wire import COORDINATION_MAP, PerceptEnd
 from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.controls import (
@@ -115,7 +115,7 @@ class KeySteps:
     def _add_policy_changes(self, log: RunLog) -> None:
         """Take in since when each robot would ask elsewhere than before."""
         for k, known in enumerate(self.changes):
-            steps, rows = log.messages.coordination_maps[k]
+            steps, rows = log.series[COORDINATION_MAP, k]
             here = np.isin(steps, log.step)
             for step, data in zip(
                 steps[here].tolist(), rows["data"][here], strict=True

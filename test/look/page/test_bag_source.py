@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from recordings import chunks_in
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.percents import percent
@@ -33,7 +34,8 @@ from sparse_coord_ros.log.runlog.explain import (
     explained,
     in_words,
 )
-from sparse_coord_ros.log.runlog.window import LongLog
+from sparse_coord_ros.log.runlog.growing import GrowingLog
+from sparse_coord_ros.protocol.wire import COORDINATION_MAP
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.page.bag_source import BagSource, since_in_words
 from sparse_coord_ros.show.page.controls import (
@@ -86,19 +88,16 @@ def clock(monkeypatch):
 def player(bag):
     made = Player(bag)
     yield made
-    made.source.log.bag.close()
 
 
 def test_a_file_without_a_directory_is_called_by_its_name(bag, tmp_path, monkeypatch):
     shutil.copy(bag / "bag_0.mcap", tmp_path / "cut.mcap")
     monkeypatch.chdir(tmp_path)
     board = MessageBoard()
-    source = BagSource(Path("cut.mcap"), board)
-    source.log.bag.close()
+    BagSource(Path("cut.mcap"), board)
     assert board.get("run")["title"] == "cut.mcap"
     whole = MessageBoard()
-    source = BagSource(bag, whole)
-    source.log.bag.close()
+    BagSource(bag, whole)
     assert whole.get("run")["title"] == str(bag)
 
 
@@ -127,7 +126,7 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
     due = list(in_words(log, *explained(log, said["robot"], [step])))
     assert due.pop(1).startswith("  Q*[")
     assert said["step"] == step and due[0].endswith(said["lines"][0])
-    assert due[1].strip().startswith(said["lines"][1])
+    assert said["lines"][1].startswith(due[1].strip())
     assert due[3].strip().startswith(said["lines"][2])
     assert due[4].strip() == said["lines"][3]
     player.do(SEEK, 10**9)
@@ -180,7 +179,6 @@ def test_details_have_the_row_that_decided(team, record):
     player.source.learn()
     player.source.tick()
     check_rows(player, log)
-    player.source.log.bag.close()
 
 
 def check_rows(player, log):
@@ -226,7 +224,6 @@ def test_the_page_says_where_a_robot_waits_in_vain(record):
         newest = [entry for entry in entries if entry["robot"] == one.robot][-1]
         assert moves_told(newest["lines"]) == moves_told(in_words(log, one))
         assert moves_told(newest["lines"])[0] == IMPATIENT
-    player.source.log.bag.close()
 
 
 @pytest.mark.parametrize(("name", "learner"), [("env1", "coop"), ("crowd-3r", "voi")])
@@ -237,7 +234,6 @@ def test_a_run_in_which_nobody_learns_has_its_rows_too(name, learner, record, tm
     load = Player(tables)
     robots = range(len(load.source.run.scenario.robots))
     own = [load.source.log.tables_before(k).tables for k in robots]
-    load.source.log.bag.close()
     save_team(tmp_path, [one.memory for one in own])
     values |= {"greedy": True, "tables": str(tmp_path)}
     recorded = record(name, settings={"steps": 200}, values=values)
@@ -247,7 +243,6 @@ def test_a_run_in_which_nobody_learns_has_its_rows_too(name, learner, record, tm
         player.source.learn()
     player.source.tick()
     check_rows(player, read_run(recorded.bag))
-    player.source.log.bag.close()
 
 
 def test_counts_are_those_up_to_the_time_step_that_is_shown(player, bag):
@@ -273,8 +268,8 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     """However many are summed up at once, and whatever is read again."""
     monkeypatch.setattr("sparse_coord_ros.show.page.counts.SUM_EVERY", 7)
     log = read_run(bag)
-    long = LongLog(bag)
-    monkeypatch.setattr("sparse_coord_ros.log.runlog.window.BYTES_AT_ONCE", 1)
+    long = GrowingLog(bag)
+    monkeypatch.setattr("sparse_coord_ros.log.runlog.growing.PART_STEPS", 100)
     counts = Counts(2, len(log.run.scenario.map.cells))
     begin = 0
     for part in long.episodes():
@@ -299,7 +294,6 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     assert found.episodes == (log.history().first_step <= step).sum()
     late = counts.up_to(step, long.read(step, step))  # nor does that go back to it
     assert late.read_to == counts.read_to and late.questions < found.questions
-    long.bag.close()
 
 
 def test_trails_lead_through_the_cells_that_the_log_has(player, bag):
@@ -330,7 +324,6 @@ def test_where_no_question_was_heard_of_the_page_says_since_when(record):
     last = player.do(SEEK, 10**9)["step"]
     since = player.board.get("dialogue")["since"]
     assert 1 < since < last and since == player.source.log.around(last).step[0]
-    player.source.log.bag.close()
 
 
 def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewritten):
@@ -343,7 +336,6 @@ def test_of_a_robot_without_tables_it_is_told_what_happened(bag, tmp_path, rewri
     for entry in player.board.get("dialogue")["entries"]:
         told[entry["robot"]].add("Q" in entry["lines"][2])
     assert told == {0: {False}, 1: {True}}
-    player.source.log.bag.close()
 
 
 def test_curves_and_evaluation_are_those_of_the_log(player, bag):
@@ -419,7 +411,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     line = player.board.get("learned")["lines"][1]
     assert line.startswith(f"robot_{k + 1} learned to ask there at about time step ")
     since = int(re.search(r"at about time step ([\d,]+)\.$", line)[1].replace(",", ""))
-    steps, rows = log.messages.coordination_maps[k]
+    steps, rows = log.series[COORDINATION_MAP, k]
     place = log.frame.places[log.cells[row, k]]
     asks = (
         np.frombuffer(rows["data"].tobytes(), np.int8).reshape(len(steps), -1)[:, place]
@@ -428,7 +420,6 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert asks[-1] and steps[np.flatnonzero(~asks)[-1] + 1] == pytest.approx(
         since, rel=0.01
     )
-    player.source.log.bag.close()
 
 
 def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
@@ -445,7 +436,6 @@ def test_a_team_that_does_not_arrive_yet_is_not_praised(record):
         f"This team fails: all robots arrive in {share} of its greedy episodes."
     )
     assert lesson == text
-    player.source.log.bag.close()
 
 
 def test_where_nobody_asks_the_page_says_so(record):
@@ -453,7 +443,6 @@ def test_where_nobody_asks_the_page_says_so(record):
     [line] = player.board.get("learned")["lines"]
     assert line == "In the last episodes no robot asks another one."
     assert player.board.get("tables")["robots"][1]["step"] > 0  # the newest, at once
-    player.source.log.bag.close()
 
 
 def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
@@ -468,16 +457,13 @@ def test_where_nobody_asks_the_best_asking_team_found_is_named(record):
     ]
     line = player.board.get("learned")["lines"][1]
     assert line == f"The return of the best asking team found is {best:.2f} a robot."
-    player.source.log.bag.close()
 
 
 @pytest.fixture(scope="module")
 def tables(learned):
     """Return what each robot had learned in the end."""
-    log = LongLog(learned)
-    found = [log.tables_before(k).tables for k in range(2)]
-    log.bag.close()
-    return found
+    log = GrowingLog(learned)
+    return [log.tables_before(k).tables for k in range(2)]
 
 
 @pytest.fixture
@@ -529,9 +515,8 @@ def test_of_a_larger_team_one_robot_is_told(record):
     """All robots that ask at once would fill the page."""
     settings = {"steps": 1500, "penalty": -100}
     bag = record("crowd-8r", settings=settings, values={"learner": "voi"}).bag
-    long_log = LongLog(bag)
+    long_log = GrowingLog(bag)
     tables = [long_log.tables_before(k).tables for k in range(8)]
-    long_log.bag.close()
     log = read_run(bag)
     narrator = Narrator(log.run.scenario)
     team = LearnedTeam(log.run, tables)
@@ -588,11 +573,13 @@ def test_jumps_lead_to_what_matters(learned):
     assert history.arrived[number].all() and not history.miscoordinations[number]
     for step in marks["policy"]:
         k = [
-            np.isin(steps, step).any() for steps, _ in log.messages.coordination_maps
+            np.isin(steps, step).any()
+            for steps, _ in (
+                log.series[COORDINATION_MAP, k] for k in range(len(log.names))
+            )
         ].index(True)
-        assert step in log.messages.coordination_maps[k][0]
+        assert step in log.series[COORDINATION_MAP, k][0]
     assert set(kinds_of(log.run.scenario)) <= set(marks)
-    player.source.log.bag.close()
 
 
 def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
@@ -648,7 +635,6 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert (
         player.do(JUMP, LEARNED_EPISODE)["step"] == player.board.get("learned")["first"]
     )
-    player.source.log.bag.close()
 
 
 @pytest.mark.parametrize(
@@ -657,11 +643,12 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
 def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words):
     nothing = SimpleNamespace(
         empty=True,
-        bag=SimpleNamespace(finished=False, path=tmp_path, close=bool),
+        finished=False,
+        last_file=tmp_path,
         run=None,
     )
     monkeypatch.setattr(
-        "sparse_coord_ros.show.page.bag_source.LongLog", lambda path: nothing
+        "sparse_coord_ros.show.page.bag_source.GrowingLog", lambda path: nothing
     )
     monkeypatch.setattr(
         "sparse_coord_ros.show.page.bag_source.being_recorded",
@@ -677,18 +664,15 @@ def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):
     cut.write_bytes(data[: len(data) // 2])
     player = Player(cut)
     assert "it has no end" in player.board.get("notice")["text"]
-    place = player.source.log.blocks[-1]
-    player.source.log.bag.close()
     whole = bytearray(bag_files(bag)[0].read_bytes())
-    whole[place.offset + 200 : place.offset + 264] = bytes(64)
+    offset, _ = chunks_in(bag_files(bag)[0])[-1]
+    whole[offset + 200 : offset + 264] = bytes(64)
     cut.write_bytes(whole)
     player = Player(cut)
     player.source.read_through()
     assert "damaged at byte " in player.board.get("notice")["text"]
-    player.source.log.bag.close()
     copy = tmp_path / "copy"
     shutil.copytree(bag, copy)
     player = Player(copy)
     shutil.rmtree(copy)
     assert player.do(SEEK, 500)["step"] > 490
-    player.source.log.bag.close()

@@ -97,8 +97,6 @@ def player(bags, clock):
 
     do()
     yield SimpleNamespace(do=do, board=made.board, sources=sources)
-    for source in sources:
-        source.log.bag.close()
 
 
 def said(player):
