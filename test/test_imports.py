@@ -98,7 +98,7 @@ def test_command_line_without_ros(bare, tmp_path):
     )
     for words in (
         "21 cells",
-        "121.89",
+        "120.56",
         "env1, coop, seed 0",
         "undecided from ",
         "no question",

@@ -53,27 +53,17 @@ def test_penalties_are_paid_by_their_factors():
 
 
 @pytest.mark.parametrize(
-    ("steps", "engine", "compiled"),
-    [(200, "auto", False), (10**6, "auto", True), (200, "numba", True)],
+    ("worth", "engine", "used"),
+    [(1000, "auto", "python"), (800, "auto", "numba"), (1000, "numba", "numba")],
 )
-def test_a_batch_is_compiled_if_that_pays(monkeypatch, steps, engine, compiled):
-    """A small one is computed in this process: a script needs no main guard for it."""
+def test_a_batch_is_compiled_if_that_pays(monkeypatch, worth, engine, used):
+    """Here two runs of two robots, 200 steps each. The exact evaluation counts nothing."""
     monkeypatch.setattr(batch, "is_prepared", lambda **_: False)
     monkeypatch.setattr(batch, "is_loaded", lambda **_: False)
-    called = []
-
-    def here(*_arguments):
-        called.append(False)
-
-    def in_threads(batches, *_arguments):
-        called.append(True)
-        yield from batches
-
-    monkeypatch.setattr(batch, "_run_plain", here)
-    monkeypatch.setattr(batch, "_in_threads", in_threads)
-    batches = [Batch(problem("env1", steps=steps), learner_of("coop"), [1, 2])]
-    list(run_batches(batches, trials=10, engine=engine, jobs=2))
-    assert set(called) == {compiled}
+    monkeypatch.setattr(batch, "WORTH_COMPILING", worth)
+    batches = [Batch(problem("env1", steps=200), learner_of("coop"), [1, 2])]
+    runs = run_batches(batches, trials=10, engine=engine, jobs=2)
+    assert {run.engine for run in runs} == {used}
 
 
 def test_a_learner_is_compiled_when_its_turn_comes(monkeypatch):
