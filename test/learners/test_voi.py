@@ -455,7 +455,9 @@ def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
     one.mind.felt.values[0, felt, 0] = -20.0
 
     def after(b):
-        return voi.after_leaving(one.mind, one.task, 0, 1, X, b, Z, Z2)
+        one.mind.last[0, CELLS:] = [X, Z]
+        one.mind.last[0, voi.CELL] = X
+        return voi.after_leaving(one.mind, one.task, 0, 1, b, Z2, peer)
 
     assert after(EAST) == -20 + G * (40 - 4)  # never made
     one.mind.peer.updates[0, peer, EAST] = 1  # it slipped

@@ -611,7 +611,7 @@ def learn_from_peer(
             out = chance_to_leave(mind, k, x, b, given)
             leaving = 0.0
             if out > 0.0:
-                leaving = out * after_leaving(mind, task, k, j, x, b, z, z_next)
+                leaving = out * after_leaving(mind, task, k, j, b, z_next, peer)
             holds = mind.u[k, x, b] + mind.rho0.values[k, holding, b]
             stays = (1.0 - out) * (r + task.discount * asks)
             stays0 = (1.0 - out) * (r + task.discount * holds)
@@ -640,19 +640,21 @@ def felt_in(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
 
 @jitable
 def after_leaving(
-    mind: Any, task: Task, k: int, j: int, x: int, b: int, z: int, z_next: int
+    mind: Any, task: Task, k: int, j: int, b: int, z_next: int, peer: int
 ) -> float:
-    """Return r^C + gamma V_j(y, z') for a move that leads to another cell y.
+    """Return r^C + gamma V_j(y, z') for a move that leads out of x, to y.
 
-    r^C is that of b with this step of the peer; if it never was felt, that of the cells where the
-    step ends.
+    r^C is that of b with this step of the peer, the row `peer`; if it never was felt, that of the
+    cells where the step ends. On arrival it is that of b with the peer in z.
     """
+    x = int(mind.last[k, CELL])
     y = int(mind.to[k, x, b])
     if y == task.goals[k]:
+        z = int(mind.last[k, CELLS + j])
         arrival = find(mind.peer, k, step_of(task, x, j, z, NOT_PERCEIVED))
         r = mind.peer.values[k, arrival, b]
         return arrival_value(task) + (r if r != NOT_FELT else 0.0)
-    r = mind.peer.values[k, find(mind.peer, k, step_of(task, x, j, z, z_next)), b]
+    r = mind.peer.values[k, peer, b]
     if r == NOT_FELT:
         r = felt_in(mind, task, k, j, y, z_next)
     return float(r + task.discount * value_of(mind, task, k, j, y, z_next))
