@@ -20,14 +20,14 @@ export function cellPanel(run, tables, pointed, { cell, peerCell }) {
     if (!own) continue;
     const { name, colour } = run.robots[k];
     if (same(own.q_star[cell])) { // as they were before learning
-      rows.push(html("tr", {}, html("td", {}, `${name} Q*`), html("td", { colSpan: names.length }, "never learned")));
+      rows.push(unlearnedRow(`${name} Q*`, k, names.length));
       continue;
     }
     rows.push(valuesRow(`${name} Q*`, own.q_star[cell], k, colour));
     const { q_coord = null, without, with: answered } = known[k] ?? {};
     if (!q_coord) continue;
     if (same(q_coord)) {
-      rows.push(html("tr", {}, html("td", {}, `${name} Q^C`), html("td", { colSpan: names.length }, "never learned")));
+      rows.push(unlearnedRow(`${name} Q^C`, k, names.length));
       continue;
     }
     rows.push(valuesRow(`${name} Q^C`, [...q_coord, null], k, colour));
@@ -40,6 +40,12 @@ export function cellPanel(run, tables, pointed, { cell, peerCell }) {
 }
 
 const same = (values) => values.filter((v) => v !== null).every((v) => v === values[0]);
+
+function unlearnedRow(title, k, columns) {
+  const one = html("tr", {}, html("td", {}, title), html("td", { colSpan: columns }, "never learned"));
+  one.dataset.robot = k + 1;
+  return one;
+}
 
 function valuesRow(title, values, k, colour) {
   const best = Math.max(...values.filter((v) => v !== null));
