@@ -14,6 +14,7 @@ from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import SUMMARY_FILE, load_run
 from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog import Verification
 from sparse_coord_ros.protocol.wire.status import read_status, values_of
 from sparse_coord_ros.ros.nodes import ros_topics
@@ -103,7 +104,7 @@ def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
 def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, object]]:
     """Return pairs that are to be equal: what the summary counts, and what the bag says last."""
     last: dict[str, str] = {}
-    bag = found.log.bag
+    bag = open_bag(found.log.path)
     for message in bag.messages([ros_topics.DIAGNOSTICS.name]):
         for said in deserialize_message(
             message.data, ros_topics.DIAGNOSTICS.type

@@ -16,6 +16,14 @@ ROBOT_COLOURS = (
     "#444444",  # grey
     "#B5A800",  # dark yellow
 )
+LINE_COLOURS = (
+    "#111111",  # black
+    "#7A3DB8",  # purple
+    "#8C5A2B",  # brown
+    "#4A7C7E",  # grey green
+)
+"""Colours of lines that are no robot's: runs, learners."""
+
 DOORWAY_COLOUR = "#D55E00"
 WALL_COLOUR = "#404040"
 
@@ -25,7 +33,7 @@ FAILED = "failed"
 """The shown end of a question: the peer answered; it refused; no answer came in time, or there was
 no peer to ask."""
 
-OUTCOME_COLOURS = {ANSWERED: "#009E73", REFUSED: "#D55E00", FAILED: "#888888"}
+OUTCOME_COLOURS = {ANSWERED: "#2E7D32", REFUSED: "#D55E00", FAILED: "#888888"}
 OUTCOME_SIGNS = {ANSWERED: "✓", REFUSED: "✗", FAILED: "?"}
 """Signs that distinguish the outcomes without colour."""
 

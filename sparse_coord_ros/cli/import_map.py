@@ -41,8 +41,8 @@ from sparse_coord_ros.lab.maps.plan import CELL_RADII, Place
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 EXAMPLE = (
-    "sparse_coord import-map examples/office.yaml --cell 0.5 --radius 0.2 "
-    "--start -8,-5 8,5 --goal 8,5 -8,-5 --out office"
+    "sparse_coord import-map examples/office.yaml --cell 0.85 --radius 0.1 "
+    "--start -6,4.5 -2.5,0 --goal -2.5,0 -6,4.5 --out office"
 )
 
 

@@ -19,8 +19,11 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     SparseCoordError,
     failure_of,
+    retold,
 )
+from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, ROBOT_COLOURS
+from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.cli import train
 from sparse_coord_ros.cli.imported_map import (
     CELL,
@@ -65,6 +68,9 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 CELL_AT_FIRST = 0.5
 RADIUS_AT_FIRST = 0.2
 """Metres, unless the options say otherwise."""
+
+FIELD = "import_map"
+"""The field of a map's YAML file that says with which choices the page opens."""
 
 SCALE_AT_FIRST: dict[str, Any] = {"resolution": 0.05, "origin": (0.0, 0.0)}
 """Metres a pixel (as most tools of SLAM have it), and (x, y) of the lower left corner in metres,
@@ -136,14 +142,7 @@ class ImportPage(Controlled):
         self._lock = threading.Lock()
         self._out: Path | None = None
         self.wanted: queue.SimpleQueue[tuple[str, Path]] = queue.SimpleQueue()
-        cell = CELL_AT_FIRST if options.cell is None else options.cell
-        radius = RADIUS_AT_FIRST if options.radius is None else options.radius
-        first = {
-            "cell": cell,
-            "radius": radius,
-            **{n: getattr(options, n) for n in PLACES},
-            "corridors": options.corridors,
-        }
+        first = _first(options)
         if self._picture:
             first["scale"] = SCALE_AT_FIRST
         board.put(
@@ -349,6 +348,26 @@ def _film(path: Sequence[Moment]) -> dict[str, Any]:
             [[round(x, 3), round(y, 3)] for x, y in frame.places] for frame in frames
         ],
     }
+
+
+def _first(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the choices with which the page opens: by option, map file, or ours.
+
+    Raises:
+        SparseCoordError: the map's file cannot be read, or its field `import_map` has a bad value.
+    """
+    first: dict[str, Any] = {"cell": CELL_AT_FIRST, "radius": RADIUS_AT_FIRST}
+    first |= {name: [] for name in PLACES} | {"corridors": False}
+    if not is_picture(options.map):
+        text = read_text(options.map, MapError, "give the YAML file")
+        said = parse_yaml(text, where=str(options.map), error=MapError)
+        kept = said.get(FIELD, {})
+        with retold(MapError, SparseCoordError, f"{options.map}: field {FIELD!r}"):
+            if not isinstance(kept, Mapping):
+                raise SettingError(f"allowed: {', '.join(first)}, each with its value")
+            first |= _chosen({**first, **kept}, scaled=False)
+    given = {name: getattr(options, name) for name in first}
+    return first | {name: value for name, value in given.items() if value}
 
 
 def _chosen(said: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:

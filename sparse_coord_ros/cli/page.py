@@ -78,7 +78,8 @@ def one_by_one(
     """Let teams learn one after the other on a page, as it requests; return the exit code.
 
     Args:
-        options: of the verb; the page chooses the next team's scenario and penalty.
+        options: of the verb; the page chooses the next team's scenario, penalty, learner and
+            steps.
         begin: returns a team's output directory, and its configuration.
         play: lets it learn to the end; returns the exit code.
         stop: catches the signals that end the waiting between two teams; None: Ctrl-C does.
@@ -97,6 +98,8 @@ def one_by_one(
                 return None
             options.scenario = wish["scenario"]
             options.penalty = wish["penalty"]
+            options.learner = wish["learner"]
+            options.steps = wish["steps"]
             options.start = options.goal = []
             options.out = options.resume = None
             out, team = begin(options)
@@ -121,7 +124,7 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
         stop: returns whether to stop waiting; called several times a second.
 
     Returns:
-        The scenario's name and the penalty, as settings.
+        The scenario's name, penalty, learner and steps, as settings.
 
     Raises:
         KeyboardInterrupt: on Ctrl-C, or if `stop` returns True.

@@ -13,7 +13,7 @@ DPI = Setting(
     "dpi", int, 110, "resolution of a PNG, in dots per inch", low=20, high=600
 )
 
-EXAMPLE = "sparse_coord plot runs/demo --what policy,coordination --out demo.png"
+EXAMPLE = "sparse_coord plot runs/demo --what policy,curves --out demo.png"
 
 
 OPTIONS = (
@@ -25,11 +25,9 @@ OPTIONS = (
     Option(
         "--what",
         None,
-        "plots of a run: policy, asks (where robots ask), curves (of learning), coordination "
-        "(its curves of miscoordinations and questions), length (its curve of the episodes' "
-        "lengths); several with commas between; a plot of results: conditions, asks, or the name "
-        "of an experiment (default: conditions of results; of runs all that they have, curves in "
-        "place of coordination and length)",
+        "plots of a run: policy (moves, and where robots ask), curves (of learning); with a comma "
+        "between: both (the default); a plot of results: conditions (the default), asks, or the "
+        "name of an experiment",
     ),
     DPI,
     pictures.out_option(pictures.KINDS),

@@ -17,6 +17,7 @@ from matplotlib.ticker import FixedLocator, ScalarFormatter
 from matplotlib.transforms import Bbox
 from PIL import Image
 
+from sparse_coord_ros.base.palette import LINE_COLOURS
 from sparse_coord_ros.core.learners.registry import learner_of
 
 LABELS = {
@@ -55,11 +56,12 @@ INDIV, NONCOOP, COOP, VOI = (
 
 HOLLOW = {"markerfacecolor": "white"}
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
-    INDIV: {"color": "#D55E00", "marker": "s", "linestyle": ":"},
-    NONCOOP: {"color": "#0072B2", "marker": "^", "linestyle": "--"},
-    COOP: {"color": "#009E73", "marker": "o", "linestyle": "-"},
-    VOI: {"color": "#CC79A7", "marker": "P", "linestyle": (0, (5, 1))},
+    INDIV: {"color": LINE_COLOURS[2], "marker": "s", "linestyle": ":"},
+    NONCOOP: {"color": LINE_COLOURS[3], "marker": "^", "linestyle": "--"},
+    COOP: {"color": LINE_COLOURS[1], "marker": "o", "linestyle": "-"},
+    VOI: {"color": LINE_COLOURS[0], "marker": "P", "linestyle": (0, (5, 1))},
 }
+ALL_PEERS = f"{COOP}, all peers"
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **LEARNER_STYLES,
     **{
@@ -67,6 +69,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         for name, style in LEARNER_STYLES.items()
         for whose, fill in (("ours", {}), ("paper", HOLLOW))
     },
+    ALL_PEERS: {**LEARNER_STYLES[COOP], **HOLLOW, "linestyle": "-."},
     OPTIMUM: {
         "color": "black",
         "linestyle": (0, (6, 2)),
@@ -80,7 +83,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         "zorder": 1.5,
     },
     BEST_ASKING: {
-        "color": "#E69F00",
+        "color": "0.45",
         "linestyle": "-",
         "linewidth": 1.2,
         "zorder": 1.5,
@@ -90,7 +93,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
 
 OTHER: Mapping[str, Any] = {
-    "color": "#56B4E9",
+    "color": "#B8507A",
     "marker": "v",
     "linestyle": (0, (3, 1, 1, 1)),
 }
@@ -119,9 +122,6 @@ POINT: Mapping[str, Any] = {
 """Sizes of points that no line joins."""
 
 ERRORS = "Bars: one standard error of the mean over {runs} learning runs."
-SPREADS = (
-    "Bars: spread (standard deviation) over robots and trials of {runs} learning runs."
-)
 NO_BARS = "Each point: {runs} learning runs."
 NESTED_TEXT = "\nLines that coincide lie on one another, the thinner on top."
 """What the legend of a figure says above its lines."""
@@ -140,6 +140,9 @@ MOST_TICKS = 7
 
 PLAINLY = 1e5
 """Larger numbers on a logarithmic axis are named by their power of ten."""
+
+MOST_LETTERS = 42
+"""Letters of all names below a panel that fit side by side; more are written upwards."""
 
 LETTER = 0.03
 """Width of a letter beside an axis, as a share of its length, in the narrowest panel."""
@@ -225,9 +228,16 @@ def draw_points(axes: Axes, data: pd.DataFrame, x: str, names: Sequence[str]) ->
         style = {**STYLES.get(str(line), OTHER), **POINT}
         _draw_learner(axes, str(line), places, own, style)
     shown = sorted(place.unique())
-    axes.set_xticks(shown, [names[number] for number in shown])
+    written = [names[number] for number in shown]
+    upright = are_long(written)
+    axes.set_xticks(shown, written, rotation=90 if upright else 0)
     axes.set_xlim(shown[0] - 0.5, shown[-1] + 0.5)
     _finish_panel(axes)
+
+
+def are_long(names: Sequence[str]) -> bool:
+    """Return whether names do not fit side by side below a panel, and are written upwards."""
+    return sum(map(len, names)) > MOST_LETTERS
 
 
 def draw_bars(axes: Axes, data: pd.DataFrame) -> None:
@@ -346,8 +356,9 @@ def finish_measure(panels: Sequence[Axes], measure: str) -> None:
         lowest = min(axes.dataLim.y0 for axes in panels)
         bottom = max(bottom, lowest - 0.05 * least)
         top = bottom + least
+    room = 0.0 if measure in LOGARITHMIC else MARGIN_SHARE / 2 * (top - bottom)
     for axes in panels:
-        axes.set_ylim(bottom, top)
+        axes.set_ylim(bottom - room, top + room)
 
 
 def _make_logarithmic(panels: Sequence[Axes]) -> None:

@@ -26,7 +26,9 @@ BUSIEST = "asks"
 """The episode with the most questions among those that end well."""
 
 PLAYED = 100
-"""Number of greedy episodes for LAST, BEST and BUSIEST."""
+PLAYED_STEPS = 2500
+"""Number of greedy episodes for LAST, BEST and BUSIEST; fewer if they take more time steps, as a
+failing team's do."""
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,13 @@ def played_episode(
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
     recorder = HistoryRecorder(scenario)
-    played = [tuple(_play(world, team, recorder)) for _ in range(PLAYED)]
+    played: list[tuple[TeamTransition, ...]] = []
+    while len(played) < PLAYED and world.step < PLAYED_STEPS:
+        played.append(tuple(_play(world, team, recorder)))
     history = recorder.look()
-    number = chosen(wanted, history, np.ones(PLAYED, dtype=bool), "greedy episodes")
+    number = chosen(
+        wanted, history, np.ones(len(played), dtype=bool), "greedy episodes"
+    )
     return Episode(number, True, played[number], bool(history.arrived[number].all()))
 
 

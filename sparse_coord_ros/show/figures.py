@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of runs: policies, maps of questions, learning curves."""
+"""Pictures of runs: greedy moves with questions, learning curves."""
 
 import html
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -11,22 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
 
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
-from sparse_coord_ros.base.palette import robot_colour
+from sparse_coord_ros.base.palette import LINE_COLOURS, robot_colour
 from sparse_coord_ros.core.game.actions import DIRECTIONS
 from sparse_coord_ros.show.charts import embedded
-from sparse_coord_ros.show.map_pictures import COLOUR_MAP, draw_map
-from sparse_coord_ros.show.policy import policy_of
+from sparse_coord_ros.show.map_pictures import draw_map
+from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import OpenedRun
 
-LINE_WIDTH = 11.0
+LINE_WIDTH = 12.0
 """Greatest width of a line of panels, in inches."""
 
 LEAST_FIGURE_WIDTH = 4.0
@@ -39,22 +37,10 @@ LEAST_PANEL_WIDTH = 2.8
 """Least width of a panel with a map, in inches."""
 
 POLICY_MAP = 3.4
-SHADED_MAP = 2.8
 SMALLEST_FIGURE_CELL = 0.3
 """Inches of the longer side of a small map, and of a cell of a large one."""
 
-SCALE_SIZE = 0.8
-"""Inches of a scale of colours with its label, beside a map or below it."""
-
-SCALE_THICKNESS = 0.1
-LONGEST_SCALE = 2.8
-"""Greatest length of the scale itself, in inches."""
-
-WIDE_MAP = 1.8
-"""Least ratio of width to height of a map with its scale below."""
-
 TITLE_SIZE = 10
-SMALL_TITLE_SIZE = 8
 """Points of the titles of maps."""
 
 LETTERS = 120
@@ -85,14 +71,7 @@ CURVES: Mapping[str, str] = {
 }
 """The learning curves, and the labels of their axes."""
 
-SOME_CURVES: Mapping[str, Sequence[str]] = {
-    "curves": tuple(CURVES),
-    "coordination": ("miscoordinations", "asks"),
-    "length": ("length",),
-}
-"""The learning curves of each name."""
-
-WHATS = ("policy", "asks", "curves", "coordination", "length")
+WHATS = ("policy", "curves")
 """The figures of a run."""
 
 
@@ -161,13 +140,7 @@ def _draw_line(part: SubFigure, line: Sequence[Panel], width: float) -> None:
 
 def available(shown: OpenedRun) -> list[str]:
     """Return the possible figures of a run, of `WHATS`."""
-    learned = shown.has("tables")
-    asking = learned and shown.asks
-    there = {
-        "policy": learned,
-        "asks": asking and shown.played is not None,
-        "curves": shown.has("history"),
-    }
+    there = {"policy": shown.has("tables"), "curves": shown.has("history")}
     return [what for what, is_there in there.items() if is_there]
 
 
@@ -212,20 +185,12 @@ def _groups(what: str, runs: Sequence[OpenedRun]) -> Iterator[list[Panel]]:
     Curves show all runs in one panel; maps have a group for each run.
     """
     labels = names_of(runs)
-    if what in SOME_CURVES:
-        for name in SOME_CURVES[what]:
-            yield [
-                Panel(*CURVE, partial(_draw_curve, runs, labels, name), stretches=True)
-            ]
+    if what == "curves":
+        draws = [partial(_draw_curve, runs, labels, name) for name in CURVES]
+        yield [Panel(*CURVE, draw, stretches=True) for draw in draws]
         return
-    most_asked = 0.0
-    if what == "asks":
-        most_asked = max(float(_asked_by_cell(shown).max()) for shown in runs)
     for shown, label in zip(runs, labels, strict=True):
-        if what == "policy":
-            yield list(_policy(shown, label))
-        else:
-            yield list(_asks(shown, label, most_asked))
+        yield list(_policy(shown, label))
 
 
 def _balanced(groups: Sequence[list[Panel]]) -> list[list[Panel]]:
@@ -332,9 +297,8 @@ def _draw_policy(
         x = columns + 0.5 + 0.4 * side
         y = rows + 0.6 + 0.2 * side
         colour = robot_colour(k)
-        alpha = np.ones(len(scenario.map.cells))
-        if shown.played is not None:
-            alpha[shown.played.stays[k] == 0] = 0.3
+        alpha = np.full(len(scenario.map.cells), 0.3)
+        alpha[entered(policy, scenario.map, scenario.robots[k].start)] = 1.0
         cells, moves = np.nonzero(policy.moves & policy.learned[:, None])
         if len(cells):
             axes.quiver(
@@ -370,106 +334,9 @@ def _policy_key(shown: OpenedRun, robots: Sequence[int], axes: Axes) -> None:
         handles.append(
             Line2D([], [], color="0.3", ls="none", label="asks here first", **ring)
         )
-    if shown.played is not None:
-        pale = Line2D(
-            [], [], color="0.3", alpha=0.3, linewidth=2.2, label="never visited"
-        )
-        handles.append(pale)
+    pale = Line2D([], [], color="0.3", alpha=0.3, linewidth=2.2, label="never visited")
+    handles.append(pale)
     axes.legend(handles=handles, ncols=2, loc="upper center", bbox_to_anchor=(0.5, 0))
-
-
-def _shaded(
-    shown: OpenedRun,
-    label: str,
-    values: np.ndarray,
-    titles: Sequence[str],
-    scale: str,
-    most: float,
-) -> Iterator[Panel]:
-    """Yield a map for each row of values, shape (maps, cells), that shade its cells.
-
-    All have one scale, from 0 to `most`, beside the last map, or below it if the map is much wider
-    than high.
-    """
-    norm = Normalize(0, most or 1.0)
-    for own, title in zip(values, titles, strict=True):
-        bar = scale if title == titles[-1] else ""
-        draw = partial(
-            _draw_shades, shown, f"{label}: {title}", np.asarray(norm(own)), norm, bar
-        )
-        panel = _map_panel(shown, SHADED_MAP, draw)
-        if bar and _is_wide(shown):
-            yield panel._replace(height=panel.height + SCALE_SIZE)
-        elif bar:
-            yield panel._replace(width=panel.width + SCALE_SIZE)
-        else:
-            yield panel
-
-
-def _is_wide(shown: OpenedRun) -> bool:
-    rows, columns = shown.config.scenario.map.shape
-    return bool(columns >= WIDE_MAP * rows)
-
-
-def _draw_shades(
-    shown: OpenedRun,
-    title: str,
-    dark: np.ndarray,
-    norm: Normalize,
-    bar: str,
-    axes: Axes,
-) -> None:
-    draw_map(axes, shown.config.scenario, dark, label_height=0.2)
-    _put_title(shown, SHADED_MAP, title, SMALL_TITLE_SIZE, axes)
-    if bar:
-        size = _map_size(shown, SHADED_MAP)
-        _draw_scale(axes, norm, bar, size, below=_is_wide(shown))
-
-
-def _draw_scale(
-    axes: Axes,
-    norm: Normalize,
-    label: str,
-    size: tuple[float, float],
-    *,
-    below: bool,
-) -> None:
-    """Draw a scale of colours below a map, or beside it; `size` is the map's, in inches."""
-    width, height = size
-    thick = SCALE_THICKNESS
-    if below:
-        share = min(1.0, LONGEST_SCALE / width)
-        place = (0.5 - share / 2, -2 * thick / height, share, thick / height)
-    else:
-        share = min(1.0, LONGEST_SCALE / height)
-        place = (1.0 + thick / width, 0.5 - share / 2, thick / width, share)
-        # the map in the middle of the panel, beside the scale
-        rest = max(0.3, LEAST_PANEL_WIDTH - width)
-        axes.set_anchor((rest / 2 / (rest + SCALE_SIZE), 0.5))
-    axes.figure.colorbar(
-        ScalarMappable(norm, COLOUR_MAP),
-        cax=axes.inset_axes(place),
-        label=label,
-        orientation="horizontal" if below else "vertical",
-    )
-
-
-def _asked_by_cell(shown: OpenedRun) -> np.ndarray:
-    """Return COORDINATE in a greedy episode, shape (maps, cells): a map for each robot, or one."""
-    asked = shown.trials.asked
-    return asked if len(asked) <= 2 else asked.sum(axis=0, keepdims=True)
-
-
-def _asks(shown: OpenedRun, label: str, most: float) -> Iterator[Panel]:
-    asked = _asked_by_cell(shown)
-    names = _names(shown)
-    titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
-    if len(asked) == len(names):
-        titles = [
-            f"{name} asks {own.sum():.2f} times"
-            for name, own in zip(names, asked, strict=True)
-        ]
-    return _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", most)
 
 
 # Curves.
@@ -494,11 +361,15 @@ def _draw_curve(
     for number, (shown, robot) in enumerate(lines):
         points = thinned(*shown.history.curve(name, _window(shown), robot=robot))
         style = LINES[number % len(LINES)]
-        colour = robot_colour(number)
+        colour = LINE_COLOURS[number % len(LINE_COLOURS)]
+        if robot is not None:
+            colour = robot_colour(robot - 1)
         axes.plot(
             *points, color=colour, linestyle=style, linewidth=1.6, label=labels[number]
         )
-    axes.set(yscale="log" if name == "length" else "linear", xlabel="time step")
+    axes.set_xlabel("learning step")
+    ends = [shown.history.steps_before + shown.history.length for shown in runs]
+    axes.set_xlim(0, max(int(end.max(initial=1)) for end in ends))
     axes.set_ylabel(CURVES[name])
     axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.grid(alpha=0.3)
@@ -526,5 +397,5 @@ def in_html(head: str, shown: OpenedRun) -> str:
     if shown.has("tables"):
         parts.append(embedded(runs_figure([shown], ["policy"]), "policy"))
     if shown.has("history") and shown.history.episodes:
-        parts.append(embedded(runs_figure([shown], ["length"]), "learning curve"))
+        parts.append(embedded(runs_figure([shown], ["curves"]), "learning curves"))
     return "\n".join([*parts, "</div>"])

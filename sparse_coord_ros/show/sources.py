@@ -16,12 +16,10 @@ from sparse_coord_ros.base.errors import (
     TablesError,
 )
 from sparse_coord_ros.core.game.actions import COORDINATE
-from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.learners.tables import Tables
-from sparse_coord_ros.core.runs.evaluation import check_tables, play
+from sparse_coord_ros.core.runs.evaluation import check_tables
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_history
-from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY, Bag, bag_files
@@ -31,9 +29,6 @@ from sparse_coord_ros.log.runlog.reading import read_run
 
 RESULTS_FILE = "results.json"
 """What a directory of `sparse_coord reproduce` has."""
-
-PLAYED_EPISODES = 200
-"""Number of greedy episodes for pictures of visited cells and questions."""
 
 Say = Callable[[str], None]
 """Receives a short text on each slow step."""
@@ -123,23 +118,6 @@ class OpenedRun:
         ):
             return self.log.history()
         return load_history(directory)
-
-    @cached_property
-    def trials(self) -> Measures:
-        """Greedy episodes of its tables, always the same ones; errors as in `tables`."""
-        scenario = self.config.scenario
-        tables = self.tables
-        self.say(f"playing {PLAYED_EPISODES} greedy episodes")
-        return play(
-            scenario, tables, trials=PLAYED_EPISODES, seed=0, learner=self.config.rule
-        )
-
-    @cached_property
-    def played(self) -> Measures | None:
-        """`trials`; None, after a message, if its learner's code may not be imported."""
-        with leaving_out("greedy episodes", self.say):
-            return self.trials
-        return None
 
     @property
     def asks(self) -> bool:

@@ -19,15 +19,18 @@ from sparse_coord_ros.base.errors import ResultsError, SettingError, did_you_mea
 from sparse_coord_ros.core.game.settings import as_text
 from sparse_coord_ros.core.solve.optimum import independent_bound
 from sparse_coord_ros.show.charts import (
+    ALL_PEERS,
     BEST_ASKING,
     BOUND,
+    COOP,
     ERRORS,
+    LABELS,
     NESTED_TEXT,
     NO_BARS,
     OPTIMUM,
     SHORTEST,
-    SPREADS,
     add_legend,
+    are_long,
     draw_bars,
     draw_lines,
     draw_points,
@@ -78,16 +81,14 @@ MOST_COLUMNS = 4
 Results = Sequence[ConditionResult]
 
 
-def beside_paper(
-    results: Results, measures: Sequence[str], bars: str, said: str
-) -> Figure:
+def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
     """Draw learners side by side, ours and the paper's: Tables 1 to 3, and penalty -100.
+
+    The paper prints no standard errors.
 
     Args:
         results: the conditions.
         measures: a panel for each of these and each scenario.
-        bars: what bars show: "spread" or "error".
-        said: the legend's text for the bars.
     """
     scenarios = by_scenario(results)
     figure, panels = panel_grid(len(measures) * len(scenarios), columns=3)
@@ -95,7 +96,7 @@ def beside_paper(
     for row, measure in enumerate(measures):
         drawn = panels[row * len(scenarios) : (row + 1) * len(scenarios)]
         for axes, own in zip(drawn, scenarios, strict=True):
-            ours = measured(own, measure, bars)
+            ours = measured(own, measure)
             ours["learner"] = ours["line"]
             ours["line"] = ours["line"] + ", ours"
             ours["side"] = -1
@@ -105,13 +106,29 @@ def beside_paper(
                 if printed is not None:
                     learner = one.learner.title
                     place = {"line": f"{learner}, paper", "learner": learner, "side": 1}
-                    papers.append(place | value_and_bar(measure, *printed))
+                    mean, _ = printed
+                    papers.append(place | value_and_bar(measure, mean, 0.0))
             data = pd.concat([ours, pd.DataFrame(papers)], ignore_index=True)
             draw_points(axes, data, "learner", titles)
             axes.set_title(own[0].scenario.name, fontsize=11)
         label_axes(drawn, 3, measure)
         finish_measure(drawn, measure)
-    add_legend(figure, said.format(runs=results[0].runs))
+    add_legend(figure, ERRORS.format(runs=results[0].runs))
+    return figure
+
+
+def crowd_figure(results: Results) -> Figure:
+    """Draw learners against the number of robots, a panel for each measure."""
+    figure, panels = panel_grid(len(SWEPT_MEASURES), len(SWEPT_MEASURES))
+    for axes, measure in zip(panels, SWEPT_MEASURES, strict=True):
+        data = measured(results, measure)
+        data["robots"] = [len(one.scenario.robots) for one in results]
+        asked_all = (data["line"] == COOP) & (data["peers"] == "all")
+        data.loc[asked_all, "line"] = ALL_PEERS
+        draw_lines(axes, data, "robots")
+        axes.set(xlabel="robots", ylabel=LABELS[measure])
+        finish_measure([axes], measure)
+    add_legend(figure, (ERRORS + NESTED_TEXT).format(runs=results[0].runs))
     return figure
 
 
@@ -154,10 +171,19 @@ def swept_figure(
             axes.set_title(title, fontsize=11)
         finish_measure(drawn, measure)
         last = row == len(measures) - 1 or len(groups) == 1
+        if not last and columns == len(groups) and not numbers:
+            _hide_long_names(drawn, list(map(as_text, values)))
         label_axes(drawn, columns, measure, x if last else "")
     said = (ERRORS if bars else NO_BARS) + (NESTED_TEXT if numbers else "")
     add_legend(figure, said.format(runs=results[0].runs))
     return figure
+
+
+def _hide_long_names(panels: Sequence[Axes], names: Sequence[str]) -> None:
+    """Leave names that are written upwards to the panels below."""
+    if are_long(names):
+        for axes in panels:
+            axes.tick_params(labelbottom=False)
 
 
 def _differ(results: Results) -> bool:
@@ -247,7 +273,7 @@ MEASURABLE = (
 """What figures show of a condition."""
 
 
-def measured(results: Results, measure: str, bars: str = "error") -> pd.DataFrame:
+def measured(results: Results, measure: str) -> pd.DataFrame:
     """Return the points of conditions, one per row, for `draw_lines` and `draw_points`.
 
     The columns are `line` (the learner), `value`, `low` and `high` (lengths of the bar), `side`,
@@ -258,7 +284,6 @@ def measured(results: Results, measure: str, bars: str = "error") -> pd.DataFram
     Args:
         results: the conditions.
         measure: one of `MEASURABLE`.
-        bars: what bars show: "spread" or "error".
     """
     exact = all(one.optimum_exact for one in results)
     optimum = OPTIMUM if exact else BOUND
@@ -269,7 +294,7 @@ def measured(results: Results, measure: str, bars: str = "error") -> pd.DataFram
                 **one.scenario.plain_settings,
                 "line": one.learner.title,
                 "side": side_of(one.condition.learner),
-                **value_and_bar(measure, *_mean_and_bar(one, measure, bars)),
+                **value_and_bar(measure, *_mean_and_error(one, measure)),
                 **compared_with(one, measure, optimum),
             }
         )
@@ -283,8 +308,8 @@ def side_of(learner: str) -> float:
     )
 
 
-def _mean_and_bar(result: ConditionResult, name: str, bars: str) -> tuple[float, float]:
-    """Return one of the `MEASURABLE` of a condition, and the length of its bar.
+def _mean_and_error(result: ConditionResult, name: str) -> tuple[float, float]:
+    """Return one of the `MEASURABLE` of a condition, and its standard error.
 
     The loss is against robots that are each alone on the map: they take shortest paths and never
     miscoordinate, wait or ask. Unlike the return, it does not depend on the lengths of the paths.
@@ -296,8 +321,6 @@ def _mean_and_bar(result: ConditionResult, name: str, bars: str) -> tuple[float,
     mean = result.measures.mean(measure)
     if name == "loss":
         mean = independent_bound(result.scenario) - mean
-    if bars == "spread":
-        return mean, result.measures.spread(measure)
     return mean, result.measures.error(measure)
 
 
@@ -389,28 +412,20 @@ def _title(result: ConditionResult) -> list[str]:
 
 Draw = Callable[[Results], Figure]
 
-_TABLE = partial(beside_paper, measures=["returns"], bars="spread", said=SPREADS)
+_TABLE = partial(beside_paper, measures=["returns"])
 
 DRAWN: Mapping[str, Mapping[str, Draw]] = {
     "table1": {"table1": _TABLE},
     "table2": {
-        "table2": partial(
-            beside_paper,
-            measures=["time_to_goal", "miscoordinations"],
-            bars="spread",
-            said=SPREADS,
-        )
+        "table2": partial(beside_paper, measures=["time_to_goal", "miscoordinations"])
     },
     "table3": {"table3": _TABLE},
     "figure4": {
         "figure4": partial(swept_figure, x="penalty", measures=["loss"]),
         "figure4_variance": partial(swept_figure, x="penalty", measures=["variance"]),
     },
-    "penalty100": {
-        "penalty100": partial(
-            beside_paper, measures=["returns"], bars="error", said=ERRORS
-        )
-    },
+    "penalty100": {"penalty100": _TABLE},
+    "crowd": {"crowd": crowd_figure},
 }
 """What draws the figures of an experiment, by the names of their files. The other experiments have
 one figure, `swept_figure`."""

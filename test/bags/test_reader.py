@@ -98,7 +98,7 @@ def test_a_disk_that_fails_is_one_line(tmp_path, bag, monkeypatch):
     def bad_disk(*_):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr("sparse_coord_ros.log.bags.reader._Exact.read", bad_disk)
+    monkeypatch.setattr("sparse_coord_ros.log.bags.reader.ExactFile.read", bad_disk)
     with pytest.raises(BagError, match=r"\.partial: Input/output error$"):
         open_bag(tmp_path / "run")
 

@@ -25,7 +25,7 @@ SEARCH = ("optimum", "env1", "--class", "--restarts", 3, "--out", "search.json")
 READ = {
     "trained/run.yaml": ("evaluate", "trained"),
     "trained/tables.npz": ("evaluate", "trained"),
-    "trained/history.npz": ("plot", "trained", "--what", "length", "--out", "x.png"),
+    "trained/history.npz": ("plot", "trained", "--what", "curves", "--out", "x.png"),
     "begun/checkpoint.npz": ("train", "--resume", "begun"),
     "bag/bag_0.mcap": ("verify", "bag/bag_0.mcap"),
     "results/results.json": REPRODUCE,

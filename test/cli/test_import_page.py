@@ -14,9 +14,13 @@ import pytest
 from floor_plans import write_grid
 from patience import PATIENCE_SECONDS
 
-from sparse_coord_ros.base.errors import SparseCoordError
+from sparse_coord_ros.base.errors import MapError, SparseCoordError
 from sparse_coord_ros.cli import import_page
-from sparse_coord_ros.cli.import_page import CELL_AT_FIRST, ImportPage
+from sparse_coord_ros.cli.import_page import (
+    CELL_AT_FIRST,
+    RADIUS_AT_FIRST,
+    ImportPage,
+)
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.core.game.grid import load_map, parse_map
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -100,6 +104,25 @@ def test_what_is_saved_is_what_the_command_line_saves(page, sparse_coord, folder
         told(page, TRAIN)
         == "a team is already learning or driving: wait until it ends, or stop it"
     )
+
+
+def test_the_file_of_a_map_says_with_which_choices_the_page_opens(plan, folder):
+    file = folder / "e/env1.yaml"
+    file.write_text(file.read_text() + "import_map: {cell: 0.5, start: [[0.5, 0.5]]}\n")
+
+    def opened(*options):
+        words = ["import-map", "e/env1.yaml", "--page", *options]
+        board = MessageBoard()
+        ImportPage(make_parser("import-map").parse_args(words), board)
+        return board.get("run")["chosen"]
+
+    chosen = opened()
+    assert (chosen["cell"], chosen["start"]) == (0.5, [(0.5, 0.5)])
+    assert (chosen["radius"], chosen["goal"]) == (RADIUS_AT_FIRST, [])
+    assert opened("--cell", "1")["cell"] == 1.0
+    file.write_text(file.read_text().replace("0.5, start", "-1, start"))
+    with pytest.raises(MapError, match=r"env1.yaml: field 'import_map': .*cell.*-1"):
+        opened()
 
 
 class Counting(MessageBoard):

@@ -105,8 +105,10 @@ def test_the_page_chooses_the_next_team(monkeypatch):
 
     begun = []
     played = []
-    options = SimpleNamespace(scenario=None, penalty=None, out="a", resume="a")
-    wish = {"scenario": "isr", "penalty": -3.0}
+    options = SimpleNamespace(
+        scenario=None, penalty=None, out="a", resume="a", learner="coop", steps=None
+    )
+    wish = {"scenario": "isr", "penalty": -3.0, "learner": "voi", "steps": 50}
     server = SimpleNamespace(board=None)
     monkeypatch.setattr(page, "served", lambda options: nullcontext(server))
     monkeypatch.setattr(page, "show_end", lambda *_: None)
@@ -121,5 +123,8 @@ def test_the_page_chooses_the_next_team(monkeypatch):
         return 7 * (team == 2)
 
     assert page.one_by_one(options, begin, play) == 7
-    assert begun == [(None, None, "a", "a"), ("isr", -3.0, None, None, [], [])]
+    assert begun == [
+        (None, None, "a", "a", "coop", None),
+        ("isr", -3.0, None, None, "voi", 50, [], []),
+    ]
     assert played == [("out1", 1), ("out2", 2)]

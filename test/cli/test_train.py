@@ -79,8 +79,9 @@ def test_train(sparse_coord, folder):
     assert (run.learner, run.seed, run.scenario.max_steps) == ("indiv", 4, 40)
     assert same_bits(load_history(directory), expected.history)
     assert tables_equal(tables_in(directory), expected.tables)
-    table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
-    assert out.startswith(table)
+    evaluated = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
+    table, _, verdict = evaluated.rstrip("\n").rpartition("\n")
+    assert out.startswith(table) and out.endswith(f"\n{verdict}\n")
 
 
 def test_the_summary_begins_with_the_result(sparse_coord, folder):

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of results: what stands where, and what they say of it."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from made_up_results import PLAN, made_up, result_of
@@ -289,11 +291,39 @@ def test_figure4_says_what_its_bars_are_and_how_many_runs_it_shows():
     assert said.startswith(f"Each point: {PLAN.runs} learning runs.")
 
 
-def test_bars_of_the_papers_tables_are_spreads():
-    [draw] = figures_of("table1").values()
-    figure = draw([result_of("env1", "coop")])
-    said = figure.legends[0].get_title().get_text()
-    assert said.startswith("Bars: spread (standard deviation) over robots and trials")
+@pytest.mark.parametrize("name", ["table1", "table2", "penalty100", "crowd"])
+def test_all_bars_are_standard_errors(name):
+    scenario = "crowd-2r" if name == "crowd" else "env1"
+    for draw in figures_of(name).values():
+        figure = draw([result_of(scenario, "coop", {"penalty": -20})])
+        said = figure.legends[0].get_title().get_text()
+        assert said.startswith("Bars: one standard error of the mean over ")
+
+
+def test_a_crowd_is_drawn_over_the_number_of_robots():
+    results = [
+        with_return(f"crowd-{robots}r", value, peers=peers)
+        for robots, value in ((2, 100.0), (3, 90.0), (8, 20.0))
+        for peers in ("one", "all")
+    ]
+    figure = figures_of("crowd")["crowd"](results)
+    returns, *others = figure.axes
+    assert len(others) == 2
+    lines = [container.lines[0] for container in returns.containers]
+    assert [line.get_xdata().tolist() for line in lines] == [[2, 3, 8]] * 2
+    assert returns.get_xlabel() == "robots"
+
+
+def test_long_names_below_a_panel_do_not_overlap():
+    percepts = [f"probability:{p}" for p in (0.25, 0.5, 0.75, 0.9)]
+    percepts += ["always", "line_of_sight", "range:1", "range:2"]
+    results = [with_return("env1", 100.0, perception=one) for one in percepts]
+    figure = swept_figure(results, "perception", ["returns"])
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw(renderer)
+    [panel] = figure.axes
+    boxes = [label.get_window_extent(renderer) for label in panel.get_xticklabels()]
+    assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
 
 
 def test_one_panel_is_wide_enough_for_its_legend():

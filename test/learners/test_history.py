@@ -104,9 +104,9 @@ def test_going_on_with_an_episode_and_after_one():
 def test_curves():
     history = recorded().history()
     steps, lengths = history.curve("length")
-    assert (steps.tolist(), lengths.tolist()) == ([1, 8, 11], [3, 1, 1])
+    assert (steps.tolist(), lengths.tolist()) == ([0, 3, 4], [3, 1, 1])
     steps, returns = history.curve("returns", 2)
-    assert (steps.tolist(), returns.tolist()) == ([8, 11], [1.125, -0.5])
+    assert (steps.tolist(), returns.tolist()) == ([3, 4], [1.125, -0.5])
     assert history.curve("returns", 3, robot=2)[1].tolist() == [4.25 / 3]
     assert history.curve("arrived", 99)[1].tolist() == [1 / 3]
     assert history.curve("miscoordinations", robot=1)[1].tolist() == [2, 0, 0]
@@ -132,7 +132,7 @@ def test_curves_of_robots_that_learned_alone():
     history = concatenated(parts)
     assert history.curve("returns", robot=2)[1].tolist() == [-5.0] * 3
     steps, returns = history.curve("returns")
-    assert steps.tolist() == [1, 2, 11, 12, 21, 22]
+    assert steps.tolist() == [0, 0, 1, 1, 2, 2]
     assert returns.tolist() == [-1.0, -5.0] * 3
     frame = history.to_pandas()
     assert frame["robot"].tolist() == [1, 1, 1, 2, 2, 2]
@@ -144,7 +144,7 @@ def test_data_frame():
     row = frame[(frame.episode == 0) & (frame.robot == "b")].iloc[0]
     assert row.to_dict() == {
         "episode": 0,
-        "first_step": 1,
+        "steps_before": 0,
         "length": 3,
         "robot": "b",
         "returns": 5.25,

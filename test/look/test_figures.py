@@ -15,13 +15,14 @@ from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.base.palette import ROBOT_COLOURS
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.trials import Moment
 from sparse_coord_ros.show import figures
 from sparse_coord_ros.show.paths import paths_figure
-from sparse_coord_ros.show.policy import policy_of
+from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.studies.conditions import make_condition
 from sparse_coord_ros.studies.figures import results_figure
@@ -45,7 +46,11 @@ def test_arrows_and_rings_are_the_policy(trained):
     rings = [one for one in axes.patches if isinstance(one, Circle)]
     assert len(rings) == sum(p.asks.sum() for p in policies)
     vivid = sum((one.get_alpha() == 1).sum() for one in arrows)
-    reached = [s > 0 for s in shown.trials.stays]
+    scenario = shown.config.scenario
+    reached = [
+        entered(policy, scenario.map, robot.start)
+        for policy, robot in zip(policies, scenario.robots, strict=True)
+    ]
     assert vivid == sum(
         p.moves[r].sum() for p, r in zip(policies, reached, strict=True)
     )
@@ -70,13 +75,22 @@ def test_curves_are_the_history(trained):
     assert len({line.get_linestyle() for line in asks.lines}) == 2
 
 
+def test_lines_of_runs_have_no_robot_s_colour(trained, bag):
+    """Only lines of robots do."""
+    runs = [open_run(trained), open_run(bag)]
+    for shown, robots in ((runs, False), (runs[:1], True)):
+        *_, asks = all_axes(figures.runs_figure(shown, ["curves"]))
+        colours = {line.get_color() for line in asks.lines}
+        assert (colours <= set(ROBOT_COLOURS)) == robots
+        assert bool(colours & set(ROBOT_COLOURS)) == robots
+
+
 def test_the_panels_fill_the_canvas(trained):
     runs = [open_run(trained)]
     for whats in (
         figures.available(runs[0]),
-        ["policy", "coordination"],
         ["policy"],
-        ["length"],
+        ["curves"],
     ):
         figure = figures.runs_figure(runs, whats)
         figure.canvas.draw()
@@ -140,24 +154,6 @@ def test_nothing_overlaps_on_wide_and_tall_maps(shape, tmp_path):
             assert min(wide, high) < 2.0  # pixels
 
 
-def test_coordination_is_drawn_by_miscoordinations_and_questions(trained):
-    shown = open_run(trained)
-    axes = all_axes(figures.runs_figure([shown], ["coordination"]))
-    assert [one.get_ylabel() for one in axes] == [
-        figures.CURVES[name] for name in ("miscoordinations", "asks")
-    ]
-    dots = axes[0].lines[0].get_ydata()
-    np.testing.assert_array_equal(dots, shown.history.miscoordinations)
-
-
-def test_maps_of_runs_share_one_scale_of_asks(trained, bag):
-    runs = [open_run(trained), open_run(bag)]
-    axes = all_axes(figures.runs_figure(runs, ["asks"]))
-    scales = [beside.get_ylim() for one in axes for beside in one.child_axes]
-    most = max(float(run.trials.asked.max()) for run in runs)
-    assert scales == [(0.0, most)] * 2
-
-
 def test_long_curves_are_thinned():
     steps, values = figures.thinned(np.arange(5000), np.arange(5000.0))
     assert len(steps) <= figures.MOST_POINTS and steps[0] == 0 and values[-1] == 4999
@@ -167,19 +163,19 @@ def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_pa
     place = tmp_path / "$x_{$_$y$" / "bag"
     shutil.copytree(bag, place)
     runs = [open_run(trained), open_run(place)]
-    figure = figures.runs_figure(runs, ["policy", "length"])
+    figure = figures.runs_figure(runs, ["policy", "curves"])
     figure.canvas.draw()
     axes = all_axes(figure)
     names = ["trained", r"\$x_{\$_\$y\$"]
     assert [one.get_title() for one in axes[:2]] == [
         f"{name}: greedy moves" for name in names
     ]
-    assert [line.get_label() for one in axes for line in one.lines] == names
+    assert [line.get_label() for one in axes for line in one.lines] == 3 * names
     assert figures.names_of([runs[0], runs[0]]) == [str(trained)] * 2
 
 
 def test_what_a_source_has(trained, bag):
-    every = ["policy", "asks", "curves"]
+    every = ["policy", "curves"]
     assert figures.parse_whats(None, [open_run(trained)]) == every
     assert figures.parse_whats(None, [open_run(bag)]) == every
     with pytest.raises(SettingError, match=r"--what 'polcy': .*did you mean 'policy'"):
@@ -232,7 +228,7 @@ def test_plot_writes_the_same_bytes_each_time(
     for file in files:
         assert (
             main(
-                ["plot", str(trained), "--what", "length", "--out", str(file), "--json"]
+                ["plot", str(trained), "--what", "curves", "--out", str(file), "--json"]
             )
             == 0
         )
@@ -240,7 +236,7 @@ def test_plot_writes_the_same_bytes_each_time(
         assert said == {
             "file": str(file),
             "bytes": file.stat().st_size,
-            "what": "length",
+            "what": "curves",
         }
     assert files[0].read_bytes() == files[1].read_bytes()
     assert files[0].read_bytes().startswith(begins)

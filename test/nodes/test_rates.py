@@ -34,14 +34,14 @@ def test_forty_rates_have_timers_of_their_period_which_stay(bench):
 
 
 def steps_a_second(bench, world, rate, steps):
-    """Return how fast a team makes some time steps."""
+    """Return how fast a team makes some transitions."""
     world.values["rate"] = rate
-    begin = world.lockstep.world.step
-    bench.spin_until(lambda: world.lockstep.world.step > begin)
-    first = world.lockstep.world.step
+    begin = world.lockstep.world.transitions
+    bench.spin_until(lambda: world.lockstep.world.transitions > begin)
+    first = world.lockstep.world.transitions
     since = time.monotonic()
-    bench.spin_until(lambda: world.lockstep.world.step >= first + steps)
-    return (world.lockstep.world.step - first) / (time.monotonic() - since)
+    bench.spin_until(lambda: world.lockstep.world.transitions >= first + steps)
+    return (world.lockstep.world.transitions - first) / (time.monotonic() - since)
 
 
 def test_a_team_makes_as_many_steps_a_second_as_wanted(bench):

@@ -293,7 +293,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         board = page.board
         frame = board.get("frame")
         curves = board.get("curves")
-        assert frame["state"] == "finished" and frame["transitions"] == 300
+        assert frame["state"] == "finished" and frame["made"] == 300
         history = log.history()
         assert curves["length"] == history.length.tolist()
         assert curves["asks"] == history.asks.T.tolist()

@@ -29,7 +29,8 @@ pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[2]
 
-STEP = "Number(document.getElementById('step').textContent.replaceAll(',', ''))"
+STEP = "Number(document.getElementById('step').dataset.step)"
+"""The time step of the log; people see learning steps."""
 STATE = "document.getElementById('state').dataset.state"
 
 
@@ -102,10 +103,12 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
         tab,
         'document.querySelector(\'#map .ask[data-robot="2"][data-outcome="refused"]\')',
     )
+    made = asking - log.episode[asking]
     said = (
-        f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
+        f"document.querySelector('#dialogue li').innerText.includes('step {made:,}: ')"
     )
     wait_for(tab, said)
+    assert tab.evaluate("document.getElementById('step').textContent") == f"{made:,}"
     assert "refused" in tab.evaluate("document.querySelector('#dialogue li').innerText")
     wait_for(tab, "document.getElementById('foot').dataset.read === '1'")
     due = (log.history().first_step <= wanted).sum()
@@ -124,7 +127,7 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     tab.evaluate("document.getElementById('map').focus()")
     tab.keyboard.press("ArrowDown")
     tab.keyboard.press("ArrowRight")
-    wait_for(tab, f"document.{AGES} === 'Tables of time step {wanted:,}.'")
+    wait_for(tab, f"document.{AGES} === 'Tables of this step.'")
     title, *shown = wait_for(
         tab,
         "document.querySelector('#cell tr[data-robot=\"1\"] td') &&"
@@ -136,7 +139,11 @@ def test_a_bag_is_played_and_every_value_is_the_log_s(tab, start, bag):
     again = GrowingLog(bag)
     [(at, tables), _] = Relearned(again).tables(wanted).values()
     assert at == wanted
-    assert shown[1:] == [f"{value:.2f}" for value in tables.q_star[cell]]
+    values = tables.q_star[cell].tolist()
+    due = [f"{value:.2f}" for value in values]
+    if len(set(values)) == 1:
+        due = ["never learned"]
+    assert shown[1:] == due
 
 
 DETAILS = (
@@ -199,7 +206,7 @@ def shown(tab):
                 "state": "learning",
                 "rate": 0,
                 "speed": None,
-                "transitions": step,
+                "made": step,
                 "episode": 0,
                 **QUIET,
                 **more,
@@ -246,6 +253,68 @@ def test_a_question_is_drawn_where_it_was_asked_and_a_miscoordination_where_it_w
         tab.evaluate("document.getElementById('silence').textContent")
         == "No question shown so far."
     )
+
+
+KEEP = """
+window.kept = {};
+window.closed = false;
+const Real = WebSocket;
+window.WebSocket = class extends Real {
+  set onmessage(take) {
+    window.take = (message) => take({ data: JSON.stringify(message) });
+    super.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (window.closed) return;
+      window.kept[message.type] = message;
+      take(event);
+    };
+  }
+};
+"""
+"""Keeps the newest message of each type, and takes no more once it is closed."""
+
+ORDERS = """async () => {
+  window.closed = true;
+  const { run, ...others } = window.kept;
+  for (const type of ["hello", "pages", "done", "error", "said"]) delete others[type];
+  const types = Object.keys(others);
+  const shown = async (order) => {
+    for (const type of order) {
+      window.take(type === "run" ? run : others[type]);
+      await new Promise(requestAnimationFrame); // drawn after this picture
+    }
+    return document.querySelector("main").innerHTML;
+  };
+  const due = await shown(["run", ...types]);
+  const shares = document.querySelectorAll("#lanes .mark").length;
+  const wrong = [];
+  let tried = 0;
+  const orders = (left, taken) => left.length
+    ? left.flatMap((one) => orders(left.filter((other) => other !== one), [...taken, one]))
+    : [taken];
+  const needed = ["frame", "marks", "curves", "tables"];
+  const rest = types.filter((one) => !needed.includes(one));
+  for (const order of orders(needed, [])) {
+    tried += 1;
+    for (const one of [[...order, ...rest], [...rest, ...order]]) {
+      if ((await shown(["run", ...one])) !== due) wrong.push(one.join());
+    }
+  }
+  return [types.length, shares, tried, wrong.slice(0, 5)];
+}"""
+
+
+def test_the_page_is_the_same_in_whatever_order_messages_come(tab, start, bag):
+    """Marks that came before the first frame were never drawn."""
+    tab.add_init_script(KEEP)
+    process = start("cli.main", "watch", str(bag), "--port", "0")
+    visit(tab, address_of(process))
+    click(tab, "pause")
+    wait_for(tab, f"{STATE} === 'paused' && window.kept.evaluation")
+    wait_for(tab, "window.kept.curves.read === 1 && window.kept.learned")
+    types, marks, tried, wrong = tab.evaluate(ORDERS)
+    assert (types >= 7, marks >= 3, tried) == (True, True, 24)
+    assert wrong == []
 
 
 def test_what_cannot_be_done_after_the_end_is_disabled(tab, shown):
@@ -303,7 +372,7 @@ def test_a_bag_opens_on_what_was_learned_and_buttons_lead_on(
     last = tab.evaluate(STEP)
     tab.click("#lanes button.miscoordination")
     told = "document.getElementById('said').textContent"
-    wait_for(tab, f"{told} === 'No miscoordination after time step {last:,}.'")
+    wait_for(tab, f"{told} === 'No miscoordination after this step.'")
     assert tab.evaluate(STEP) == last
     tab.click("#lanes button.crossing")
     wait_for(tab, f"{STEP} < {last} && {told} === ''")
@@ -390,9 +459,9 @@ def test_a_run_without_ros_ends_on_its_final_tables_then_acts_greedily(
     wait_for(tab, f"{STATE} === 'acting greedily' && {STEP} > 2")
     wait_for(tab, "document.getElementById('speed').textContent === '2'")
     assert tab.evaluate(STEP) < 40, "it is a step of the episode"
-    assert tab.evaluate(
-        "document.getElementById('transitions').textContent"
-    ).startswith("60,000")
+    assert tab.evaluate("document.getElementById('step').textContent").startswith(
+        "60,000"
+    )
     played = "document.getElementById('asked-where').textContent"
     assert tab.evaluate(played) == "asked here in 200 greedy episodes"
     assert q_star_shown(tab) == due
@@ -409,7 +478,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     )
     wait_for(tab, f"{titles}.length === 2")
     shown = tab.evaluate(titles)
-    assert shown[0].startswith("Athe paper's learner") and "penalty=-100" in shown[0]
+    assert shown[0].startswith("Athe paper's learner") and "ask_cost=0" in shown[0]
     assert shown[1].startswith("B")
     state = "document.getElementById('state').textContent"
     click(tab, "pause")
@@ -423,7 +492,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     tab.evaluate(
         "const axis = document.getElementById('axis'); axis.value = 'step'; axis.onchange()"
     )
-    wait_for(tab, f"{where}.startsWith('time step')")
+    wait_for(tab, f"{where}.startsWith('step ')")
     lines = "[...document.querySelectorAll('.curve')]"
     points = f"{lines}.map((one) => one.getAttribute('d').split('L').length)"
     wait_for(tab, f"Math.max(...{points}) > 3")
@@ -432,12 +501,12 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     values += ".map((one) => one.textContent)"
     tab.hover("section.chart:nth-of-type(2) svg")  # one cursor for all of them
     said = wait_for(
-        tab, f"{values}.every((text) => text.includes(' at time step ')) && {values}"
+        tab, f"{values}.every((text) => text.includes(' at step ')) && {values}"
     )
     assert len(said) == 3
-    assert len({text.partition(" at time step ")[2] for text in said}) == 1
+    assert len({text.partition(" at step ")[2] for text in said}) == 1
     tab.hover("h1")
-    wait_for(tab, f"!{values}.some((text) => text.includes(' at time step '))")
+    wait_for(tab, f"!{values}.some((text) => text.includes(' at step '))")
     for width in (1280, 400):
         size(tab, width, 800)
         wait_for(tab, WIDE)
@@ -538,9 +607,9 @@ def test_a_run_on_its_own_page_then_the_next_one(tab, start, tmp_path):
     wait_for(
         tab, f"document.getElementById('episodes').textContent === '{history.episodes}'"
     )
-    assert tab.evaluate(
-        "document.getElementById('transitions').textContent"
-    ).startswith("9,000")
+    assert tab.evaluate("document.getElementById('step').textContent").startswith(
+        "9,000"
+    )
     tab.evaluate("document.getElementById('scenario').value = 'isr'")
     tab.evaluate("document.getElementById('penalty').value = '-5'")
     wait_for(tab, "!document.getElementById('start').disabled")
@@ -823,6 +892,15 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
     visit(tab, address_of(process))
     facts = "document.getElementById('facts').textContent"
 
+    wait_for(tab, f"{facts} === '304 cells of 0.85 m, 6 doorways'")
+    wait_for(tab, f"{text_of('advice')}.startsWith('Coordination will pay: ')")
+    assert tab.evaluate("document.querySelectorAll('.start').length") == 2
+    click(tab, "no-robots")
+    for name, value in (("cell-side", 0.5), ("radius", 0.2)):
+        tab.evaluate(
+            f"(() => {{ const c = document.getElementById('{name}');"
+            f"c.value = {value}; c.dispatchEvent(new Event('change')); }})()"
+        )
     wait_for(tab, f"{facts} === '937 cells of 0.5 m, 6 doorways'")
     tab.evaluate(
         "(() => { const c = document.getElementById('cell-side');"
@@ -859,6 +937,7 @@ def test_a_building_becomes_a_team_by_clicks(tab, start, tmp_path):
     wait_for(tab, f"{TEAM}.startsWith('Learned: runs/office_')")
     frame = "document.getElementById('learning').contentDocument"
     wait_for(tab, f"{frame}.querySelector('#state').dataset.state === 'finished'")
+    assert tab.evaluate("document.getElementById('panels').hidden"), "one map, not two"
     wait_for(tab, f"{frame}.{AGES} === 'Tables at the end of learning.'")
     made = Path(re.search(r"Learned: (runs/office_\S+?)\. ", tab.evaluate(TEAM))[1])
     tables = tables_in(made)
@@ -893,6 +972,7 @@ def test_the_import_page_by_keys_narrow_and_dark(tab, start, tmp_path):
     options = ("--page", "--port", "0", "--out", str(tmp_path / "out"))
     # across the corridor, to and fro
     robots = ("--start", "-5,0", "5,0", "--goal", "5,0", "-5,0")
+    robots += ("--cell", "0.5", "--radius", "0.2")
     process = start("cli.main", "import-map", office, *options, *robots)
     visit(tab, address_of(process))
     wait_for(tab, f"{text_of('advice')}.startsWith('Asking will not pay: ')")

@@ -59,7 +59,7 @@ TELLING = (
 """Beginnings of the lines in which numba says what it cannot compile."""
 
 
-WORTH_COMPILING = 500_000
+WORTH_COMPILING = 400_000
 WORTH_LOADING = 100_000
 """Agent-steps of coop that plain Python makes while numba compiles, or is imported and finds the
 compiled loops on disk: less work is done sooner without."""

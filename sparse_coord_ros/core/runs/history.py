@@ -71,6 +71,19 @@ class History(NamedTuple):
         """Number of robots, K."""
         return int(self.present.shape[1])
 
+    @property
+    def steps_before(self) -> np.ndarray:
+        """The learning steps that were made before each episode, shape (E,), int64.
+
+        A run has more time steps: those between two episodes.
+        """
+        made = np.cumsum(self.length) - self.length
+        begins = np.flatnonzero(np.diff(self.first_step) < 0) + 1  # another robot's
+        before = np.zeros(self.episodes, dtype=np.int64)
+        before[begins] = np.diff(made[begins], prepend=0)
+        found: np.ndarray = made - np.cumsum(before)
+        return found
+
     def curve(
         self, name: str, window: int = 1, *, robot: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -83,8 +96,8 @@ class History(NamedTuple):
                 the robots present.
 
         Returns:
-            The time step at which the last episode of each window begins, and the average over
-            the window; both have shape (E - window + 1,).
+            The learning steps that were made before the last episode of each window, and the
+            average over the window; both have shape (E - window + 1,).
 
         Raises:
             RunError: no such measure, robot or window.
@@ -108,7 +121,7 @@ class History(NamedTuple):
         else:
             order = np.flatnonzero(self.present[:, robot - 1])
             values = values[:, robot - 1] if values.ndim == 2 else values
-        steps = self.first_step[order]
+        steps = self.steps_before[order]
         values = values[order]
         window = min(window, max(1, len(values)))
         sums = np.cumsum(np.concatenate([np.zeros(1), values]))
@@ -117,8 +130,8 @@ class History(NamedTuple):
     def to_pandas(self, names: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each episode and each robot present.
 
-        Columns: episode (from 0), first_step, length, robot, returns, asks, arrived,
-        miscoordinations.
+        Columns: episode (from 0), steps_before (learning steps made before it), length, robot,
+        returns, asks, arrived, miscoordinations.
 
         Args:
             names: the robots' names; None: their numbers from 1.
@@ -131,7 +144,7 @@ class History(NamedTuple):
         return data_frame(
             {
                 "episode": episode,
-                "first_step": self.first_step[episode],
+                "steps_before": self.steps_before[episode],
                 "length": self.length[episode],
                 "robot": labels[robot],
                 "returns": self.returns[episode, robot],

@@ -52,6 +52,11 @@ class Verdict(NamedTuple):
     kind: str
     text: str
 
+    @property
+    def headline(self) -> str:
+        """The first sentence."""
+        return self.text.split(". ")[0].rstrip(".") + "."
+
 
 def verdict_on(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
     """Return the verdict: a team beside robots that ignore each other and the best team known.

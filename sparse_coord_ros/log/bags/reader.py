@@ -149,7 +149,7 @@ class BagFile:
                 check_begin(self.path, file.read(LONGEST_SIGN))
                 file.seek(len(MAGIC))
                 self.read_to = len(MAGIC)
-            stream: Any = _Exact(file)
+            stream: Any = ExactFile(file)
             reader = StreamReader(stream, skip_magic=True, emit_chunks=True)
             try:
                 for record in reader.records:
@@ -193,7 +193,7 @@ def check_begin(path: Path, begin: bytes) -> None:
     raise BagError(f"{path} is not an MCAP file: it does not start as one; {WANTED}")
 
 
-class _Exact:
+class ExactFile:
     """A file of which a read that comes too short raises EndOfFile."""
 
     def __init__(self, file: BinaryIO) -> None:

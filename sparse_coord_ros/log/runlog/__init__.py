@@ -3,7 +3,7 @@
 """The log of a run without ROS.
 
 - Read: `reading` makes a bag a `RunLog` (`log`) in three steps: read, sort, arrange. It uses
-  `bag_run` (the run), `decode` (single messages), `dialogue` (service events) and
+  `bag_run` (the run), `decode` (single messages) and
   `recorded_tables`. `growing` reads on in a bag that grows.
 - Replayed: `replay` lets an agent follow a robot's actions. `relearned` has the tables of any time
   step.

@@ -103,7 +103,7 @@ class WorldSimulator(ParameterNode):
     # The rate of that timer.
     _timed_rate = 0.0
     _told = -math.inf
-    # The rate that is being watched, when that began, and the time steps by then.
+    # The rate that is being watched, when that began, and the transitions by then.
     _watched = (0.0, 0.0, 0)
     # The rate of which the world has said that it cannot keep it.
     _missed = 0.0
@@ -416,15 +416,15 @@ class WorldSimulator(ParameterNode):
         """Say once which rate the world keeps, if it is clearly less than the wanted one."""
         wanted = self.values["rate"]
         rate, since, before = self._watched
-        step = self.lockstep.world.step
+        transitions = self.lockstep.world.transitions
         if wanted != rate or self.state not in (State.RUNNING, State.RESTING):
-            self._watched = (wanted, now, step)
+            self._watched = (wanted, now, transitions)
             return
         seconds = now - since
         if seconds < PROGRESS_SECONDS:
             return
-        self._watched = (wanted, now, step)
-        made = step - before
+        self._watched = (wanted, now, transitions)
+        made = transitions - before
         if made + 1 < CLEARLY_LESS * wanted * seconds and self._missed != wanted:
             self._missed = wanted
             self.get_logger().warning(

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.base.errors import BagError, SparseCoordError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.runs.history import blank_history, concatenated
-from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.growing import GrowingLog
@@ -33,7 +33,11 @@ from sparse_coord_ros.show.page.key_steps import (
 )
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
-from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
+from sparse_coord_ros.show.steps import (
+    logged_step,
+    logged_trails,
+    questions_of,
+)
 
 BAG_CONTROLS = (
     controls.PAUSE,
@@ -124,7 +128,6 @@ class BagSource(controls.Played):
         self._narrator = Narrator(self.run.scenario)
         self._key_steps = KeySteps(self.run)
         self.highlight: Highlight | None = None
-        self._failing = ""
         self._again = False
         self._window: RunLog | None = None
         self._shown: dict[str, object] = {}
@@ -181,20 +184,16 @@ class BagSource(controls.Played):
         shown = self.highlight
         if shown is None:
             return
-        lines = [shown.text]
-        if shown.step is None:
-            best = shipped_asking_team(self.run.scenario)
-            if best is not None:
-                lines.append(
-                    f"The return of the best asking team found is {best.value:.2f} a robot."
-                )
-        elif read:
+        evaluation = self.board.get("evaluation")
+        question = shown.text
+        if evaluation is not None and not shown.matters:
+            question = ""
+        lines = [messages.headline(question, evaluation)]
+        if read and lines == [shown.text] and shown.matters:
             first, since = self._key_steps.since(shown.robot, shown.cell)
             name = self._narrator.names[shown.robot]
             lines.append(since_in_words(name, first, since))
-        messages.put_learned(
-            self.board, self._failing, lines, first=shown.first, step=shown.step
-        )
+        messages.put_learned(self.board, lines, first=shown.first, step=shown.step)
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, in a loop."""
@@ -328,10 +327,10 @@ class BagSource(controls.Played):
             return
         what = f"No {KIND_NAMES[kind]}"
         if kind != controls.CROSSING:
-            what = f"{what} after time step {step - 1:,}"
-        read = self._counts.read_to
-        if read < self.log.last_step:
-            what = f"{what}; the log is read to time step {read:,}"
+            what = f"{what} after this step"
+        read = self._counts.read_to / max(1, self.log.last_step)
+        if read < 1.0:
+            what = f"{what}; {percent(read, whole=True)} of the log are read so far"
         self._say(f"{what}.")
 
     def _say(self, text: str) -> None:
@@ -389,7 +388,8 @@ class BagSource(controls.Played):
     def _show(self, log: RunLog, row: int) -> None:
         step = int(log.step[row])
         so_far = self._counts.up_to(step, log)
-        around = {"rate": self._pace, "first": self.first, "last": self.log.last_step}
+        around: Message = {"rate": self._pace, "made": self._counts.made_before(step)}
+        around |= {"first": self.first, "last": self.log.last_step}
         around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
         if self._new("frame", (step, self.state, around)):
             fields = messages.frame_fields(
@@ -408,10 +408,12 @@ class BagSource(controls.Played):
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[
             -messages.MOST_ENTRIES :
         ]
-        since = int(log.step[0]) if log.step[0] > self.first else None
-        if not self._new(
-            "dialogue", (log.step[asking[-1:]].tolist(), since, self._reasons_known)
-        ):
+        since = None
+        if log.step[0] > self.first:
+            since = self._counts.made_before(int(log.step[0]))
+        last = log.step[asking[-1:]].tolist()
+        counted = [self._counts.made_before(step) for step in last]
+        if not self._new("dialogue", (last, counted, since, self._reasons_known)):
             return
         known = {k for k, at in enumerate(self.log.table_steps()) if at}
         told: list[Message] = []
@@ -427,7 +429,13 @@ class BagSource(controls.Played):
                 k: f": {explain.row_in_words(one.values)}" for k, one in reasons.items()
             }
             told += messages.in_words(
-                self.run, seen, known, self._narrator, rows, reasons
+                self.run,
+                seen,
+                known,
+                self._narrator,
+                rows,
+                reasons,
+                self._counts.made_before(seen.step),
             )
             found = (messages.asked_of(seen, one) for one in questions_of(seen))
             questions += [(seen.step, one) for one in found if one is not None]
@@ -545,6 +553,8 @@ class BagSource(controls.Played):
     def _show_curves(self, read: float) -> None:
         """Show the learning curves of the share of the log that was `read`."""
         self.board.put("curves", read=read, **messages.curve_fields(self.history))
+        if self.growing:
+            messages.put_so_far(self.board, self.run, self.history)
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""
@@ -570,7 +580,6 @@ class BagSource(controls.Played):
                 "their value", lambda said: self.board.put("notice", text=said)
             ):
                 value = messages.evaluation_fields(self.run, tables, step)
-                self._failing = value["failing"]
                 self.board.put("evaluation", **value)
 
 
@@ -579,13 +588,11 @@ def since_in_words(name: str, first: int, since: int | None) -> str:
 
     Args:
         name: of the robot.
-        first: the time step of its first tables.
-        since: the time step since which its tables say so; None: the newest tables do not.
+        first: the learning step of its first tables.
+        since: the one since which its tables say so; None: the newest tables do not.
     """
     if since is None:
         return f"By its newest tables {name} would not ask there."
     if since == first:
         return f"By its tables {name} would have asked there from the start."
-    return (
-        f"{name} learned to ask there at about time step {float(f'{since:.3g}'):,.0f}."
-    )
+    return f"{name} learned to ask there at about step {float(f'{since:.3g}'):,.0f}."

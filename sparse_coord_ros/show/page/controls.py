@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from sparse_coord_ros.base.errors import SettingError, SparseCoordError, retold
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.game.settings import Setting, SettingTable
+from sparse_coord_ros.core.learners.registry import LEARNERS
 
 HOST = "127.0.0.1"
 PORT = 8765
@@ -77,9 +78,9 @@ class Control(NamedTuple):
     Attributes:
         name: one of the above.
         value: of `pause` a bool; of `step` and `seek` a whole number; of `rate` a
-            number; of `jump` and `axis` a word; of `next` a mapping of `scenario` and `penalty`;
-            of `import`, `save` and `train` one that their source checks; of `reset`, `stop` and
-            `drive` None.
+            number; of `jump` and `axis` a word; of `next` a mapping of `scenario`, `penalty`,
+            `learner` and `steps`; of `import`, `save` and `train` one that their source checks;
+            of `reset`, `stop` and `drive` None.
     """
 
     name: str
@@ -186,15 +187,24 @@ def _bad(name: str, value: Any, allowed: str) -> SettingError:
 
 
 def _next(value: Any) -> dict[str, Any]:
-    """Return a shipped scenario's name and a penalty; no page names a file."""
+    """Return scenario, penalty, learner and steps of a run; no page names a file."""
     if not isinstance(value, Mapping):
-        raise _bad(NEXT, value, "a scenario and a penalty")
+        raise _bad(NEXT, value, "a scenario, a penalty, a learner and steps")
     scenario = value.get("scenario")
     penalty = value.get("penalty")
+    learner = value.get("learner")
+    steps = value.get("steps")
     if not isinstance(scenario, str) or scenario not in scenario_names():
         raise _bad("scenario", scenario, f"one of: {', '.join(scenario_names())}")
     if isinstance(penalty, bool) or not isinstance(penalty, int | float):
         raise _bad("penalty", penalty, "a number of at most 0")
+    if not isinstance(learner, str) or learner not in LEARNERS.names:
+        raise _bad("learner", learner, f"one of: {', '.join(LEARNERS.names)}")
     with retold(SettingError, SparseCoordError, "control 'next'"):
-        load_scenario(scenario).with_settings({"penalty": penalty})
-    return {"scenario": scenario, "penalty": float(penalty)}
+        load_scenario(scenario).with_settings({"penalty": penalty, "steps": steps})
+    return {
+        "scenario": scenario,
+        "penalty": float(penalty),
+        "learner": learner,
+        "steps": steps,
+    }

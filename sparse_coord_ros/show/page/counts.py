@@ -8,6 +8,7 @@ import numpy as np
 
 from sparse_coord_ros.log.runlog.growing import Episodes, Questions, questions_in
 from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.show.steps import learning_steps
 
 SUM_EVERY = 20_000
 """Questions between two sums that are kept, so that no more than these are counted at once."""
@@ -85,6 +86,13 @@ class Counts:
             places, minlength=self._shape[0] * self._shape[1]
         )
         return counts
+
+    def made_before(self, step: int) -> int | None:
+        """Return the learning steps before a time step; None if the log is not read so far."""
+        if step > self.read_to:
+            return None
+        episode = int(np.searchsorted(self._begun, step, side="right")) - 1
+        return learning_steps(step, max(0, episode))
 
     def up_to(self, step: int, log: RunLog) -> Counted:
         """Return what there was up to a time step.

@@ -38,6 +38,7 @@ from sparse_coord_ros.show.page.controls import (
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import (
     exchanges_in,
+    learning_steps,
     logged_step,
     questions_of,
     stops_in,
@@ -55,6 +56,20 @@ def kinds_of(scenario: Scenario) -> list[str]:
     return kinds
 
 
+class Change(NamedTuple):
+    """Where a robot would ask from a time step on.
+
+    Attributes:
+        step: the time step.
+        made: learning steps before it.
+        asks: whether it would ask, by cell, shape (cells,).
+    """
+
+    step: int
+    made: int
+    asks: np.ndarray
+
+
 class KeySteps:
     """Gathers the time steps that matter, part by part of a log.
 
@@ -63,17 +78,16 @@ class KeySteps:
 
     Attributes:
         steps: by kind the time steps, ascending.
-        changes: of each robot the time step and where it would ask from then on, shape (cells,).
+        changes: of each robot, since when it would ask elsewhere.
     """
 
     def __init__(self, run: RunConfig) -> None:
         self.steps: dict[str, np.ndarray] = {
             kind: np.empty(0, np.int64) for kind in STEP_KINDS
         }
-        self.changes: list[list[tuple[int, np.ndarray]]] = [
-            [] for _ in run.scenario.robots
-        ]
+        self.changes: list[list[Change]] = [[] for _ in run.scenario.robots]
         self._run = run
+        self._episodes = 0
         self._near = near_doorways(run.scenario.map)
         self._places = Messages(run).places
 
@@ -98,6 +112,7 @@ class KeySteps:
         if not len(self.steps[CROSSING]):
             self._add(CROSSING, self._first_crossing(part))
         self._add_policy_changes(log)
+        self._episodes += len(np.unique(log.episode))
 
     def _add(self, kind: str, steps: np.ndarray) -> None:
         self.steps[kind] = np.concatenate([self.steps[kind], steps])
@@ -117,13 +132,15 @@ class KeySteps:
         for k, known in enumerate(self.changes):
             steps, rows = log.series[COORDINATION_MAP, k]
             here = np.isin(steps, log.step)
-            for step, data in zip(
-                steps[here].tolist(), rows["data"][here], strict=True
+            steps = steps[here]
+            episodes = log.episode[np.searchsorted(log.step, steps)] + self._episodes
+            for step, episode, data in zip(
+                steps.tolist(), episodes.tolist(), rows["data"][here], strict=True
             ):
                 asks = np.frombuffer(data, dtype=np.int8)[self._places] == OCCUPIED
-                if not known or (known[-1][1] != asks).any():
-                    known.append((step, asks))
-        changed = {step for known in self.changes for step, _ in known[1:]}
+                if not known or (known[-1].asks != asks).any():
+                    known.append(Change(step, learning_steps(step, episode), asks))
+        changed = {one.step for known in self.changes for one in known[1:]}
         self.steps[POLICY] = np.array(sorted(changed), dtype=np.int64)
 
     def meetings(self, cells: np.ndarray, *, apart: bool = False) -> np.ndarray:
@@ -145,18 +162,18 @@ class KeySteps:
         return found
 
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:
-        """Return the first time step, and since when a robot would ask in a cell up to the end.
+        """Return the first learning step, and since when a robot would ask in a cell to the end.
 
         The second value is None if it would not.
         """
         known = self.changes[robot]
         since = None
-        for step, asks in known:
-            if not asks[cell]:
+        for one in known:
+            if not one.asks[cell]:
                 since = None
             elif since is None:
-                since = step
-        first = known[0][0] if known else 0
+                since = one.made
+        first = known[0].made if known else 0
         return first, since
 
 
@@ -185,6 +202,8 @@ class Highlight(NamedTuple):
         robot: the robot that asks then; cell: its cell.
         text: the question and its consequence, in words; in a pair also of the other robot, if it
             asks then.
+        matters: whether the robot would have made another move without the answer, as its tables
+            say.
     """
 
     first: int
@@ -193,6 +212,7 @@ class Highlight(NamedTuple):
     robot: int
     cell: int
     text: str
+    matters: bool
 
 
 def highlight(
@@ -201,9 +221,9 @@ def highlight(
     """Return the latest episode of a part of a log in which what was learned matters most.
 
     That is where a robot asks, as its tables say that it would; goes where they say that it would
-    go after this answer; at a doorway at which the other one is, too, in another cell; best where
-    several robots do so at once; goes where it would not go without the answer; and all arrive
-    without a miscoordination. Cells that a greedy robot reaches from its start come first: an
+    go after this answer, and would not go without it; at a doorway at which the other one is, too,
+    in another cell; best where several robots do so at once; and all arrive without a
+    miscoordination. Cells that a greedy robot reaches from its start come first: an
     episode of learning may begin elsewhere.
 
     Args:
@@ -229,20 +249,22 @@ def highlight(
         if log.asked.any():
             what = "no question is answered"
         text = f"In the last episodes {what}."
-        return Highlight(first, last, None, 0, 0, text)
+        return Highlight(first, last, None, 0, 0, text, False)
     cell = int(log.cells[row, k])
     step = logged_step(log, row)
-    text = _told(step, k, narrator, learned=team.would_do_it_again(step, k))
+    learned = team.would_do_it_again(step, k)
+    text = _told(step, k, narrator, learned=learned)
     other = 1 - k
     in_a_pair = len(team.policies) == 2
-    if in_a_pair and ranks[row, other] and team.would_do_it_again(step, other):
+    if in_a_pair and ranks[row, other] and team.learned_to_ask(step, other):
         text += f" {_told(step, other, narrator, learned=True)}"
     if not good[number]:
         met = ""
         if can_miscoordinate(interactions_of(log.run.scenario)):
             met = " without a miscoordination"
         text = f"Here not all robots arrive{met}. {text}"
-    return Highlight(first, last, int(log.step[row]), k, cell, text)
+    matters = team.learned_to_ask(step, k)
+    return Highlight(first, last, int(log.step[row]), k, cell, text, matters)
 
 
 def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
@@ -264,13 +286,13 @@ def _ranks(log: RunLog, team: "LearnedTeam", key_steps: KeySteps) -> np.ndarray:
         another_move = ~policy.moves[cells, moves]
         ranks[rows, k] = (
             1
-            + 32 * reached
-            + 16 * np.array(by_answer, dtype=bool)
-            + 8 * asks
+            + 64 * reached
+            + 32 * np.array(by_answer, dtype=bool)
+            + 16 * asks
+            + 8 * another_move
             + 4 * apart[rows]
-            + another_move
         )
-    learned = ranks >= 1 + 32 + 16 + 8 + 4
+    learned = ranks >= 1 + 64 + 32 + 16 + 8 + 4
     ranks += 2 * (learned & (learned.sum(axis=1, keepdims=True) >= 2))
     return ranks
 
@@ -301,26 +323,22 @@ def _best_episode(
 def shown_by(
     steps: Sequence[TeamTransition], team: "LearnedTeam", narrator: Narrator
 ) -> str:
-    """Return what a greedy episode shows of what was learned, in words; empty: no question.
+    """Return a question of a greedy episode whose answer changes the move, in words.
 
     Args:
         steps: the episode.
         team: what its robots learned.
         narrator: of its scenario.
+
+    Returns:
+        An empty text if there is no such question.
     """
-    best = (False, False)
-    text = ""
     for step in steps:
         for question in questions_of(step):
             answered = question.end == PerceptEnd.ANSWERED
-            learned = answered and team.would_do_it_again(step, question.asker)
-            if text and (learned, answered) < best:
-                continue
-            best = (learned, answered)
-            text = f"In a greedy episode: {narrator.question(step, question)}"
-            if learned:
-                text = _told(step, question.asker, narrator, learned=True)
-    return text
+            if answered and team.learned_to_ask(step, question.asker):
+                return _told(step, question.asker, narrator, learned=True)
+    return ""
 
 
 def _told(step: TeamTransition, k: int, narrator: Narrator, *, learned: bool) -> str:
@@ -390,6 +408,14 @@ class LearnedTeam:
         comes = cell in self.reached[k]
         asks = bool(self.policies[k].asks[cell])
         return comes and asks and self.chose_by_answer(step, k)
+
+    def learned_to_ask(self, step: TeamTransition, k: int) -> bool:
+        """Whether a robot would ask there again, and make another move without the answer."""
+        action = step.actions[k]
+        cell = step.cells[k]
+        if action is None or cell is None or not self.would_do_it_again(step, k):
+            return False
+        return not self.policies[k].moves[cell, action.move]
 
     def chose_by_answer(self, step: TeamTransition, k: int) -> bool:
         """Whether a robot that got an answer made the move that its tables now say.

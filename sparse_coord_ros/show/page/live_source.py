@@ -141,17 +141,19 @@ class LiveView:
         trails = trails_of(
             self._passed or [seen.cells], self.run.scenario.map.next_cell
         )
-        said: Message = {"transitions": transitions, "episode": episode, "rate": rate}
+        said: Message = {"made": transitions, "episode": episode, "rate": rate}
         said |= {"state": self.state, "speed": self._speed if speed is None else speed}
         said |= messages.frame_fields(seen, trails, self._narrator)
         self.board.put("frame", **said)
         if new:
-            self._tell(seen)
+            self._tell(seen, transitions - 1)
 
-    def _tell(self, seen: TeamTransition) -> None:
-        """Show the questions of a transition in words."""
+    def _tell(self, seen: TeamTransition, made: int) -> None:
+        """Show the questions of a transition in words, made after so many."""
         rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
-        said = messages.in_words(self.run, seen, self.known, self._narrator, rows, {})
+        said = messages.in_words(
+            self.run, seen, self.known, self._narrator, rows, {}, made
+        )
         asks = list(said)
         if asks:
             self._told.extend(asks)
@@ -192,6 +194,7 @@ class LiveView:
         self.newest = tables
         self.board.put("curves", read=1.0, **messages.curve_fields(history))
         messages.put_tables(self.board, self.run, tables)
+        messages.put_so_far(self.board, self.run, history)
         counted = np.array(self.asked) if asked is None else asked
         self.board.put("asked", robots=counted.tolist(), where=where)
         # on a busy machine less than has passed

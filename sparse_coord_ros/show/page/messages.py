@@ -46,6 +46,12 @@ MOST_ENTRIES = 40
 PAGE_TRIALS = 300
 """Trials of a team that cannot be evaluated exactly."""
 
+RECENT = 100
+"""Episodes that the headline of a live run tells of."""
+
+MOST_NAMED = 4
+"""Robots of a live run that its headline names."""
+
 SHAPES = (
     "circle",
     "square",
@@ -67,6 +73,7 @@ def run_fields(run: RunConfig) -> Message:
         "version": __version__,
         "scenario": scenario.name,
         "learner": run.title,
+        "label": run.learner,
         "greedy": run.greedy,
         "seed": run.seed,
         "budget": scenario.steps,
@@ -151,6 +158,30 @@ def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
     return robots
 
 
+def put_so_far(board: MessageBoard, run: RunConfig, history: History) -> None:
+    """Show in words what robots would do by their tables on the board, and how they fare."""
+    tables = board.get("tables")
+    if tables is None or not all(tables["robots"]):
+        return
+    asking = []
+    for robot, own in zip(run.scenario.robots, tables["robots"], strict=True):
+        cells = len(set(own["asks"]) & set(own["enters"]))
+        asking.append(f"{robot.name} in {cells} cell{'s' * (cells != 1)}")
+    lines = [f"So far, on their ways, robots would ask: {', '.join(asking)}."]
+    if len(asking) > MOST_NAMED:
+        asking = [one for one in asking if not one.endswith(" in 0 cells")]
+        lines = [f"So far {len(asking)} robots would ask on their ways."]
+    if history.episodes and history.present.all():
+        recent = slice(-RECENT, None)
+        count = min(RECENT, history.episodes)
+        lines.append(
+            f"In the last {count} episodes a robot asked "
+            f"{history.asks[recent].mean():.2f} times, with "
+            f"{history.miscoordinations[recent].mean():.2f} miscoordinations of the team."
+        )
+    put_learned(board, lines)
+
+
 def put_tables(board: MessageBoard, run: RunConfig, tables: TablesThen) -> None:
     """Show what the robots' tables say; a page may point at cells to see more of them."""
     board.look = partial(pointed_fields, run, tables)
@@ -225,7 +256,7 @@ def curve_fields(history: History) -> Message:
     return {
         "episodes": count,
         "window": window,
-        "step": first[order][begins].tolist(),
+        "step": history.steps_before[order][begins].tolist(),
         "length": means(history.length, every),
         "miscoordinations": means(history.miscoordinations, every),
         "asks": means(history.asks, own),
@@ -264,6 +295,7 @@ def evaluation_fields(
     """
     scenario = run.scenario
     measures = evaluate_best(scenario, tables, trials=PAGE_TRIALS, learner=run.rule)
+    verdict = verdict_on(scenario, run.rule, measures)
     optimum = known_optimum(scenario).value
     return {
         "step": step,
@@ -272,9 +304,8 @@ def evaluation_fields(
         "cells": measures.cells(optimum=optimum),
         "failing": failing_in_words(measures),
         "askers": _askers(run, tables),
-        "verdict": verdict_on(scenario, run.rule, measures).text
-        if step is None
-        else "",
+        "verdict": verdict.text,
+        "headline": verdict.headline,
         "yardsticks": yardsticks(scenario),
         "ignoring": _ignoring(scenario),
     }
@@ -300,23 +331,20 @@ def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:
 
 def put_learned(
     board: MessageBoard,
-    failing: str,
     lines: Sequence[str],
     *,
-    first: int | None,
-    step: int | None,
+    first: int | None = None,
+    step: int | None = None,
 ) -> None:
-    """Show what was learned; of a team that fails first that it fails.
+    """Show the headline: what was learned.
 
     Args:
         board: where the message goes.
-        failing: as of `failing_in_words`.
-        lines: what was learned, in sentences.
+        lines: sentences.
         first: where the episode begins that shows it; None outside a bag.
         step: the time step of its question; None: there is none.
     """
-    told = [failing, *lines] if failing else list(lines)
-    board.put("learned", lines=told, first=first, step=step)
+    board.put("learned", lines=lines, first=first, step=step)
 
 
 def put_end(
@@ -334,19 +362,23 @@ def put_end(
     episode = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule)
     first = episode.steps[0].step if episode.steps else 0
     steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)
-    narrator = Narrator(run.scenario)
-    text = shown_by(steps, LearnedTeam(run, tables), narrator)
-    if not text and episode.arrived:
-        text = (
-            "In greedy episodes in which all robots arrive no robot asks another one."
-        )
-    if not text:
-        text = (
-            "In greedy episodes no robot asks another one, and not all robots arrive."
-        )
-    put_learned(board, value["failing"], [text], first=None, step=None)
+    question = shown_by(steps, LearnedTeam(run, tables), Narrator(run.scenario))
+    put_learned(board, [headline(question, value)])
     board.put("evaluation", **value)
     return steps
+
+
+def headline(question: str, evaluation: Message | None) -> str:
+    """Return what a team learned: a question whose answer changes a move; else the verdict.
+
+    Args:
+        question: in words; empty: there is none.
+        evaluation: as of `evaluation_fields`; None: not known so far.
+    """
+    if evaluation is None or (question and not evaluation["failing"]):
+        return question
+    head: str = evaluation["headline"]
+    return head
 
 
 def asked_of(seen: TeamTransition, question: Question) -> AskedQuestion | None:
@@ -368,6 +400,7 @@ def in_words(
     narrator: Narrator,
     rows: Mapping[int, str],
     reasons: Mapping[int, explain.Reason],
+    made: int | None,
 ) -> Iterator[Message]:
     """Yield the questions of a time step: as a sentence, and as `explain` begins to tell them.
 
@@ -378,6 +411,7 @@ def in_words(
         narrator: of the scenario.
         rows: by robot, the row of its tables that decided, in words.
         reasons: by robot, the reason for its move, if that is known.
+        made: learning steps before; None: not known so far.
     """
     for question in questions_of(seen):
         k, peers, end, move = question
@@ -402,7 +436,13 @@ def in_words(
         if reward is not None:
             lines.append(explain.reward_in_words(run, reward.total, after))
         said = {"text": narrator.question(seen, question), "lines": lines}
-        yield {"step": seen.step, "robot": k, "outcome": question.outcome, **said}
+        yield {
+            "step": seen.step,
+            "made": made,
+            "robot": k,
+            "outcome": question.outcome,
+            **said,
+        }
 
 
 def plain(values: np.ndarray) -> list[Any]:

@@ -31,6 +31,7 @@ from sparse_coord_ros.base.errors import (
     needed,
 )
 from sparse_coord_ros.core.game.scenario import scenario_names
+from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.show.page.controls import HOST, LOOK, PORT, parse_control
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
@@ -229,8 +230,12 @@ class Page:
         a team's own process each of a thread's turns stops the others.
         """
         seen = 0
+        pages = 0
         await stream.send_json(self._hello(control=False))
         while True:
+            if pages != board.pages:
+                pages = board.pages
+                await stream.send_json({"type": "pages", "count": pages})
             for version, text in board.newer(seen):
                 await stream.send_str(text)
                 seen = version
@@ -278,6 +283,7 @@ class Page:
         return {
             "type": "hello",
             "scenarios": scenario_names(),
+            "learners": LEARNERS.names,
             "control": control,
         }
 

@@ -9,6 +9,7 @@ import numpy as np
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.team import groups_of
+from sparse_coord_ros.core.solve.exact import evaluate_best
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.bag_source import SHOWN_RATE
@@ -22,9 +23,12 @@ from sparse_coord_ros.show.page.controls import (
 )
 from sparse_coord_ros.show.page.live_source import LiveView
 from sparse_coord_ros.show.page.message_board import MessageBoard
-from sparse_coord_ros.show.sources import PLAYED_EPISODES, OpenedRun
+from sparse_coord_ros.show.sources import OpenedRun
 
 LOOKS_A_SECOND = 30
+SHOWN_EPISODES = 200
+"""Greedy episodes in which questions are counted, as their mean says."""
+
 TRAINING_CONTROLS = (PAUSE, STEP, RATE, NEXT)
 
 
@@ -132,8 +136,11 @@ class TrainedView(LiveView):
         groups = len(groups_of(run.scenario, run.rule))
         self._made = int(shown.history.length.sum()) // groups
         newest = {k: (None, own) for k, own in enumerate(tables)}
-        played = f"asked here in {PLAYED_EPISODES} greedy episodes"
-        asked = np.rint(shown.trials.asked * PLAYED_EPISODES).astype(np.int64)
+        measures = evaluate_best(
+            run.scenario, tables, trials=messages.PAGE_TRIALS, learner=run.rule
+        )
+        played = f"asked here in {SHOWN_EPISODES} greedy episodes"
+        asked = np.rint(measures.asked * SHOWN_EPISODES).astype(np.int64)
         self.show_learned(shown.history, newest, asked=asked, where=played)
         self._steps = messages.put_end(board, run, tables)
 

@@ -458,7 +458,8 @@ def test_what_a_page_may_ask_for():
         (RATE, 5),
         (SEEK, 0),
     ]
-    for name, value in [*allowed, (NEXT, {"scenario": "isr", "penalty": -5.0})]:
+    whole = {"scenario": "isr", "penalty": -5.0, "learner": "voi", "steps": 90}
+    for name, value in [*allowed, (NEXT, whole)]:
         assert parse_control({"do": name, "value": value}, ALL) == Control(name, value)
 
 

@@ -113,7 +113,7 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every, clock):
     assert len(steps) > 60
     frame = board.get("frame")
     curves = board.get("curves")
-    assert frame["state"] == "finished" and frame["transitions"] == 300
+    assert frame["state"] == "finished" and frame["made"] == 300
     assert curves["length"] == alone.history.length.tolist()
     assert board.get("tables")["robots"][1]["q_star"][0][COORDINATE] is not None
     assert np.array(board.get("asked")["robots"]).sum() > 0
@@ -136,7 +136,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
         view.end()
         frame = board.get("frame")
         tables = board.get("tables")["robots"]
-        assert (frame["state"], frame["transitions"]) == ("finished", 5000)
+        assert (frame["state"], frame["made"]) == ("finished", 5000)
         alone = plain_run(problem, learner, 0)
         alone.advance(4999)
         assert (frame["step"], frame["cells"]) == alone.make_transition()[:2]
@@ -188,7 +188,7 @@ def test_a_run_that_is_stopped_is_not_said_to_learn(tmp_path, clock, monkeypatch
         train_verb.learn(options, out, run, board)
     frame = board.get("frame")
     tables = board.get("tables")["robots"][0]
-    assert frame["state"] == "stopped" and 0 < frame["transitions"] < 100_000
+    assert frame["state"] == "stopped" and 0 < frame["made"] < 100_000
     assert tables["step"] > frame["step"]
 
 
@@ -213,7 +213,7 @@ def test_holding_and_stepping(clock):
     held = []
 
     def note(then=None):
-        held.append((board.get("frame")["state"], board.get("frame")["transitions"]))
+        held.append((board.get("frame")["state"], board.get("frame")["made"]))
         if then is not None:
             view.control(then)
 
@@ -239,8 +239,8 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart(clock):
 @pytest.mark.parametrize(
     ("asking", "said"),
     [
-        (0.0, ", and goes on if "),
-        (-99.0, "arrive no robot asks another"),
+        (0.0, "The team hardly coordinates: a robot earns 92.60"),
+        (-99.0, "The team does not coordinate by asking: "),
     ],
 )
 def test_a_run_without_a_bag_is_shown_by_a_greedy_episode(asking, said, clock):

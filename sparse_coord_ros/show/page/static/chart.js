@@ -1,5 +1,5 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
-// A chart: lines over time steps, with the titles of both axes. A pointer shows the values.
+// A chart: lines over learning steps, with the titles of both axes. A pointer shows the values.
 
 import { html, svg, ticks } from "/draw.js";
 
@@ -18,13 +18,13 @@ function apart(ends) {
 
 export class Chart {
   // The title says what is drawn, and in which unit; the range holds values that the axis shows at least.
-  // Calls point with the time step under the pointer, and with null where it leaves.
+  // Calls point with the learning step under the pointer, and with null where it leaves.
   constructor(holder, title, range, point) {
     this.range = range;
     this.lines = [];
-    this.right = 1; // the last time step
+    this.right = 1; // the last learning step
     this.value = html("p");
-    this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over time steps` });
+    this.picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `${title} over learning steps` });
     this.value.className = "value";
     this.section = html("section", { className: "chart" }, html("h2", {}, title), this.value, this.picture);
     holder.append(this.section);
@@ -40,7 +40,7 @@ export class Chart {
     const text = (at, words, look) => this.picture.append(svg("text", { class: "tick", x: at[0], y: at[1], ...look }, words));
     this.picture.replaceChildren();
     path(`M${LEFT},${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`);
-    text([(LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5], "time step of learning", { "text-anchor": "middle" });
+    text([(LEFT + WIDTH - RIGHT) / 2, HEIGHT - 5], "learning step", { "text-anchor": "middle" });
     const values = [...known(lines.flatMap((line) => line.values)), ...this.range];
     if (!values.length) return;
     const low = Math.min(...values), most = Math.max(...values), high = most > low ? most : low + 1;
@@ -79,20 +79,20 @@ export class Chart {
     return LEFT + ((WIDTH - LEFT - RIGHT) * Math.min(step, this.right)) / this.right;
   }
 
-  // Where the shown time steps lie, one for each look.
+  // Where the shown steps lie, one for each look.
   place(steps, looks = [{}]) {
     this.picture.querySelectorAll(".here").forEach((line) => line.remove());
-    steps.forEach((step, i) => this.picture.append(
+    steps.forEach((step, i) => step !== null && this.picture.append(
       svg("path", { class: "here", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}`, ...looks[i] })));
   }
 
-  // The time step under the pointer.
+  // The learning step under the pointer.
   under(event) {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.picture.getScreenCTM().inverse()).x;
     return Math.min(this.right, (Math.max(0, at - LEFT) * this.right) / (WIDTH - LEFT - RIGHT));
   }
 
-  // The values at a time step; null: at the ends.
+  // The values at a learning step; null: at the ends.
   read(step) {
     this.picture.querySelectorAll(".pointed").forEach((one) => one.remove());
     if (step === null || !this.lines.some((line) => line.steps.length)) {
@@ -104,6 +104,6 @@ export class Chart {
     this.picture.append(svg("path", { class: "pointed", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}` }));
     found.forEach((value, i) => value !== null && this.picture.append(
       svg("circle", { class: "pointed", cx: this.x(this.lines[i].steps[places[i]]), cy: this.y(value), r: 3 })));
-    this.value.textContent = `${this.named(found)} at time step ${short(Math.round(step))}`;
+    this.value.textContent = `${this.named(found)} at step ${short(Math.round(step))}`;
   }
 }

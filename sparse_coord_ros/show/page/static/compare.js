@@ -9,7 +9,7 @@ import { TeamMap } from "/map.js";
 import { connect, token } from "/stream.js";
 
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000];
-const AXES = { learned: "what was learned", episode: "the same episode", step: "the same time step" };
+const AXES = { learned: "what was learned", episode: "the same episode", step: "the same step" };
 const MARKS = ["question", "miscoordination", "exchange", "stopped"];
 const MARK_NAMES = { stopped: "another robot stops it" };
 const MEASURES = [["returns", 2, "return of a robot"], ["asks", 2, "questions of a robot"], ["miscoordinations", 3, "miscoordinations"]];
@@ -45,10 +45,18 @@ class Column {
     connect(`?run=${k}`, (message) => this.take(message), () => tell("notice", "not connected"));
   }
 
+  // Any message may come first: with the run all that came before is drawn.
   take(message) {
-    this.newest[message.type] = message;
-    const draw = {
-      run: () => { this.body.classList.toggle("beside", isUpright(message.map)); this.map.begin(message); this.map.shown = new Set(message.robots.keys()); layers(); headerOf(); legend(); charts.begin(kinds()); this.show(); },
+    const { newest } = this, { type } = message;
+    newest[type] = message;
+    if (!newest.run) return;
+    for (const one of type === "run" ? Object.keys(newest) : [type]) this.draw(one);
+  }
+
+  draw(type) {
+    const message = this.newest[type];
+    ({
+      run: () => this.begin(message),
       tables: () => { this.map.policy(message); differences(); headline(); },
       asked: () => this.map.heat(message),
       curves: () => drawCurves(),
@@ -57,8 +65,18 @@ class Column {
       evaluation: () => { this.values(); headline(); },
       learned: () => { this.learned.textContent = message.lines.join(" "); },
       notice: () => { if (message.text) tell("notice", `${titles[this.k]}: ${message.text}`); },
-    }[message.type];
-    if (draw && this.newest.run) draw();
+    })[type]?.();
+  }
+
+  begin(run) {
+    this.body.classList.toggle("beside", isUpright(run.map));
+    this.map.begin(run);
+    this.map.shown = new Set(run.robots.keys());
+    layers();
+    headerOf();
+    legend();
+    charts.begin(kinds());
+    this.show();
   }
 
   // What the clock shows of this run. Frames come with the clock: streams of their own would come sooner or later.
@@ -167,6 +185,7 @@ function askers(run, asking) {
 
 // What the teams do differently, and what that brings.
 function headline() {
+  if (!columns.every((column) => column.newest.run)) return;
   const asking = columns.map((column) => column.askers);
   if (!asking.every(Boolean)) return;
   const said = asking.map((robots, k) => askers(columns[k].newest.run, robots));
@@ -227,7 +246,7 @@ function drawCurves() {
 
 function place() {
   const frames = columns.map((column) => column.frame);
-  if (frames.every(Boolean)) charts.place(frames.map((frame) => frame.step), columns.map((_, k) => look(k)));
+  if (frames.every(Boolean)) charts.place(frames.map((frame) => frame.made), columns.map((_, k) => look(k)));
 }
 
 function layers() {
@@ -249,7 +268,7 @@ function showClock() {
   }
   const into = clock.position - (aligned?.offsets[clock.segment] ?? 0);
   $("where").textContent = { learned: `step ${into} of ${clock.last}, again and again`,
-    episode: `episode ${number(clock.segment + 1)}, step ${into}`, step: `time step ${number(columns[0]?.frame?.step)}` }[clock.axis];
+    episode: `episode ${number(clock.segment + 1)}, step ${into}`, step: `step ${number(columns[0]?.frame?.made)}` }[clock.axis];
   $("seek").ariaValueText = $("where").textContent;
   place();
   if (clock.state === "paused") requestAnimationFrame(() => { $("spoken").textContent = columns.map((column) => column.spoken ?? "").join(" "); });
@@ -269,7 +288,7 @@ const TAKE = {
     document.title = `${titles.join(", ")} – sparse_coord`;
     $("axis").replaceChildren(...message.axes.map((axis) => new Option(AXES[axis], axis)));
     $("rate").replaceChildren(...RATES.map((rate) => new Option(`${number(rate)} steps/s`, rate)));
-    columns = titles.map((title, k) => new Column(k, title));
+    if (!columns.length) columns = titles.map((title, k) => new Column(k, title)); // not again after a lost connection
   },
   aligned(message) { aligned = message; columns.forEach((column) => column.mark()); },
   clock(message) {
@@ -281,6 +300,7 @@ const TAKE = {
   },
   error({ text }) { $("said").textContent = text; },
   done() { $("said").textContent = ""; },
+  pages({ count }) { $("shared").textContent = count > 1 ? `${count} pages are open: they share one clock and its controls` : ""; },
 };
 
 const pause = () => send("pause", clock?.state !== "paused");

@@ -32,7 +32,7 @@ function groupsOf(count) {
 
 export class Curves {
   constructor(element) {
-    // All charts show the values at the time step to which the pointer points in one.
+    // All charts show the values at the learning step to which the pointer points in one.
     const point = (step) => this.charts.forEach(([, chart]) => chart.read(step));
     this.charts = CURVES.map(([key, title, range]) => [key, new Chart(element, title, range, point)]);
   }
@@ -73,7 +73,7 @@ export class Curves {
     of.get("miscoordinations").section.hidden = !kinds.includes("miscoordination");
   }
 
-  // Where the shown time steps lie.
+  // Where the shown steps lie.
   place(steps, looks) {
     for (const [, chart] of this.charts) chart.place(steps, looks);
   }

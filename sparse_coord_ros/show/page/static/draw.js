@@ -67,7 +67,7 @@ export function spoken(run, frame) {
     const at = run.map.cells[cell];
     return `${run.robots[k].name} ${at ? `in row ${at[0]}, column ${at[1]}` : "not seen"}`;
   });
-  return `Time step ${number(frame.step)}: ${[`${places.join("; ")}.`, ...frame.interactions].join(" ")}`;
+  return `Step ${number(frame.made)}: ${[`${places.join("; ")}.`, ...frame.interactions].join(" ")}`;
 }
 
 // What a run is about: its scenario, its learner if that is given, and the rules.

@@ -231,11 +231,27 @@ const TAKE = {
     if (busy && ["train", "drive"].includes(held)) $("stop").focus(); // in place of a button that is gone
     if (!busy && held === "stop") $("train").focus();
     if (!$("learning").src) $("learning").src = `/index.html?run=0${location.hash}`;
-    $("learning").hidden = false;
+    if (busy && !learned && !learning) showTeam(true);
+    learning = busy && !learned;
   },
-  film(message) { film.load(message); },
+  film(message) {
+    if (message.seconds.length) {
+      showTeam(false);
+      view.look(); // it has a size again
+    }
+    film.load(message);
+  },
 };
 TAKE.error = TAKE.problem;
+
+// There is one map: that of the team, or the one to change, on which the film is shown.
+let learning = false;
+function showTeam(shown) {
+  $("learning").hidden = !shown;
+  $("panels").hidden = shown;
+  $("swap").hidden = false;
+  $("swap").textContent = shown ? "Back to the map" : "Show the team";
+}
 
 // A change is shown at once, and the map imported again with it.
 function choose(what, change) {
@@ -336,6 +352,7 @@ $("add-doorway").onclick = () => {
 };
 for (const one of document.querySelectorAll("input[name=tool]")) one.onchange = show;
 $("undo").onclick = undo;
+$("swap").onclick = () => showTeam($("learning").hidden);
 $("no-robots").onclick = () => choose("no robots", (now) => Object.assign(now, { start: [], goal: [] }));
 for (const what of ["save", "train"]) $(what).onclick = () => wish(what);
 for (const what of ["stop", "drive"]) $(what).onclick = () => send(what);

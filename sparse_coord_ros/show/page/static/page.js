@@ -59,27 +59,39 @@ const TAKE = {
   hello,
   error: ({ text }) => { $("said").textContent = text; },
   done: () => { $("said").textContent = ""; },
+  pages,
   said: ({ text }) => { if (mayControl) $("said").textContent = text; },
   notice: ({ text }) => tell("notice", text),
   run: (message) => {
-    newest = { run: message };
+    newest = newest.run ? { run: message } : { ...newest, run: message };
     Object.keys(DRAW).forEach(mark);
   },
 };
 
+// Any message may come first. Several parts of the page need two of them: the first of its type draws all parts.
 function take(message) {
   if (TAKE[message.type]) return TAKE[message.type](message);
+  const first = !newest[message.type];
   newest[message.type] = message;
-  mark(message.type);
+  if (first) Object.keys(DRAW).forEach(mark);
+  else mark(message.type);
 }
 
-function hello({ control, scenarios }) {
+function hello({ control, scenarios, learners }) {
   mayControl = control;
   mark("learned");
   if (!control && token) send("hello");
   $("said").textContent = control || token ? "" : "view only: for controls open the address as it was printed";
-  if (!$("scenario").length) $("scenario").append(...scenarios.map((name) => new Option(name, name)));
+  for (const [id, names] of [["scenario", scenarios], ["learner", learners]]) {
+    if (!$(id).length) $(id).append(...names.map((name) => new Option(name, name)));
+  }
+  nextRun();
   showControls();
+}
+
+// What one page does is done for all.
+function pages({ count }) {
+  $("shared").textContent = count > 1 ? `${count} pages are open: they share one clock and its controls` : "";
 }
 
 function showControls() {
@@ -99,6 +111,7 @@ function setState(text) {
 function begin() {
   const { run } = newest;
   $("title").textContent = run.title;
+  $("budget").textContent = number(run.budget);
   document.title = `${run.scenario} – sparse_coord watch`;
   $("about").textContent = about(run, `${run.learner}${run.greedy ? " (greedy)" : ""}`);
   Object.assign($("map-title"), { textContent: run.map.name, title: run.map.title });
@@ -109,9 +122,14 @@ function begin() {
   $("rate").replaceChildren(...rates.map((r) => new Option(r ? `${number(r)} steps/s` : "as fast as it goes", r)));
   for (const [kind, { lane }] of Object.entries(lanes)) lane.row.hidden = !run.kinds.includes(kind);
   charts.begin(run.kinds);
-  $("penalty").value = run.penalty;
-  $("scenario").value = run.scenario;
+  nextRun();
   showControls();
+}
+
+// The next run is at first the one that is shown.
+function nextRun() {
+  const { run } = newest;
+  if (run) for (const [id, value] of [["scenario", run.scenario], ["penalty", run.penalty], ["learner", run.label], ["steps", run.budget]]) $(id).value = value;
 }
 
 function chip(robot, k) {
@@ -142,9 +160,8 @@ function showFrame() {
   const { frame, run, curves } = newest;
   if (!frame) return;
   const held = HELD.includes(frame.state);
-  $("step").textContent = number(frame.step);
-  $("transitions-of").hidden = frame.transitions === undefined;
-  $("transitions").textContent = `${number(frame.transitions)} of ${number(run.budget)}`;
+  $("step").textContent = number(frame.made);
+  $("step").dataset.step = frame.step; // of the log's clock, for tests
   $("speed").textContent = number(held ? 0 : frame.speed === undefined ? frame.rate || null : frame.speed);
   if (frame.episodes !== undefined) showEpisodes(frame.episodes, frame.counted_to < frame.step);
   else if (!curves) showEpisodes(frame.episode + 1);
@@ -159,14 +176,15 @@ function showFrame() {
     $("rate").value = rate;
   }
   if (frame.last !== undefined) {
+    if (frame.last !== Number($("seek").max)) mark("marks"); // the log has grown
     $("seek").min = frame.first;
     $("seek").max = frame.last;
     if (performance.now() - sliding > 600) $("seek").value = frame.step;
-    charts.place([frame.step]);
+    charts.place([frame.made]);
   }
   map.move(frame, held);
   $("now").textContent = frame.interactions.join(" ");
-  $("seek").ariaValueText = `time step ${number(frame.step)}`;
+  $("seek").ariaValueText = `step ${number(frame.made)}`;
   if (held) $("spoken").textContent = spoken(run, frame);
   agesPanel(run, newest.tables, frame);
 }
@@ -180,7 +198,7 @@ function showEpisodes(count, atLeast = false) {
 function showCurves() {
   const { curves, run, frame } = newest;
   charts.show(curves, run, map.shown);
-  if (frame?.last !== undefined) charts.place([frame.step]);
+  if (frame?.last !== undefined) charts.place([frame.made]);
   if (!curves) return;
   if (frame?.episodes === undefined) showEpisodes(curves.episodes);
   const how = curves.window > 1 ? `the mean of ${curves.window} episodes` : "an episode";
@@ -214,7 +232,7 @@ $("rate").onchange = () => {
   $("rate").blur();
 };
 $("seek").oninput = () => { sliding = performance.now(); send("seek", Number($("seek").value)); };
-$("start").onclick = () => send("next", { scenario: $("scenario").value, penalty: Number($("penalty").value) });
+$("start").onclick = () => send("next", { scenario: $("scenario").value, penalty: Number($("penalty").value), learner: $("learner").value, steps: Number($("steps").value) });
 const jump = (kind) => send("jump", kind);
 const lanes = {};
 for (const [kind, [words, what]] of Object.entries(JUMPS)) {

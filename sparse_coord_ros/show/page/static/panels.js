@@ -19,9 +19,17 @@ export function cellPanel(run, tables, pointed, { cell, peerCell }) {
   for (const [k, own] of chosen ? tables.robots.entries() : []) {
     if (!own) continue;
     const { name, colour } = run.robots[k];
+    if (same(own.q_star[cell])) { // as they were before learning
+      rows.push(unlearnedRow(`${name} Q*`, k, names.length));
+      continue;
+    }
     rows.push(valuesRow(`${name} Q*`, own.q_star[cell], k, colour));
     const { q_coord = null, without, with: answered } = known[k] ?? {};
     if (!q_coord) continue;
+    if (same(q_coord)) {
+      rows.push(unlearnedRow(`${name} Q^C`, k, names.length));
+      continue;
+    }
     rows.push(valuesRow(`${name} Q^C`, [...q_coord, null], k, colour));
     const moves = (found) => found.map((one) => names[one]).join(" or ");
     said.push(moves(answered) === moves(without) ? `${name}: the answer changes nothing; it goes ${moves(without)}.`
@@ -29,6 +37,14 @@ export function cellPanel(run, tables, pointed, { cell, peerCell }) {
   }
   $("cell").tBodies[0].replaceChildren(...rows);
   $("asking").textContent = said.join(" ");
+}
+
+const same = (values) => values.filter((v) => v !== null).every((v) => v === values[0]);
+
+function unlearnedRow(title, k, columns) {
+  const one = html("tr", {}, html("td", {}, title), html("td", { colSpan: columns }, "never learned"));
+  one.dataset.robot = k + 1;
+  return one;
 }
 
 function valuesRow(title, values, k, colour) {
@@ -46,13 +62,13 @@ export function agesPanel(run, tables, frame) {
     if (!own) return "not known";
     if (own.step === null) return "at the end of learning";
     const age = frame ? frame.step - own.step : 0;
-    return age > 0 ? `of time step ${number(own.step)}, ${number(age)} ago` : `of time step ${number(own.step)}`;
+    return age > 0 ? `about ${number(age)} steps old` : "of this step";
   });
   const same = new Set(ages).size === 1;
   const words = same ? ages[0] : ages.map((age, k) => `${run.robots[k].name}: ${age}`).join("; ");
   const lines = ages.length ? [`Tables ${words}.`] : [];
   if (frame?.counted_to < frame?.step) {
-    lines.push(`Episodes and questions are counted up to time step ${number(Math.max(0, frame.counted_to))}.`);
+    lines.push("Episodes and questions are not yet counted up to this step.");
   }
   $("ages").textContent = lines.join(" ");
 }
@@ -70,14 +86,14 @@ export function learnedPanel(learned, jump) {
 export function dialoguePanel(run, { entries = [], since = null }) {
   $("silence").hidden = entries.length > 0;
   const shown = run.source === "bag" ? "" : " shown"; // a live page shows some of them
-  $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since time step ${number(since)}.`;
+  $("silence").textContent = since === null ? `No question${shown} so far.` : `No question since step ${number(since)}.`;
   const held = document.activeElement.closest("#dialogue li")?.dataset.key;
   const opened = new Set([...$("dialogue").children].filter((item) => item.querySelector("details").open).map((item) => item.dataset.key));
   $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
     const { sign, colour } = run.outcomes[entry.outcome];
     const mark = html("span", { className: "sign" }, `${sign} `);
     mark.style.color = written(colour);
-    const item = html("li", {}, mark, html("span", { className: "at" }, `time step ${entry.step}: `), entry.text,
+    const item = html("li", {}, mark, html("span", { className: "at" }, entry.made === null ? "" : `step ${number(entry.made)}: `), entry.text,
       html("details", { open: opened.has(`${entry.step} ${entry.robot}`) }, html("summary", {}, "details"), entry.lines.join("; ")));
     item.dataset.key = `${entry.step} ${entry.robot}`;
     item.style.borderColor = tinted(run.robots[entry.robot].colour);
@@ -112,5 +128,5 @@ export function evaluationPanel(run, e) {
     row("td", ["questions of a robot", e.cells.asks]),
     row("td", ["all arrive", e.cells["all arrive"]]),
     html("caption", {}, e.verdict));
-  $("evaluation-of").textContent = e.step === null ? "at the end of learning" : `by the tables of time step ${number(e.step)}`;
+  $("evaluation-of").textContent = e.step === null ? "at the end of learning" : "by the newest tables";
 }
