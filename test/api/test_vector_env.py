@@ -230,6 +230,8 @@ def greedy_actions(tables, seen, random):
         if table.q_coord is not None:
             sure = answer == 1
             values[sure, k, :PRIMITIVES] = table.q_coord[cell, others[0] - 1][sure]
+            for i in np.flatnonzero(half & ~sure):
+                values[i, k, :PRIMITIVES] = table.values_asking(int(cell[i]), 0, ())
     values[masks == 0] = -np.inf
     return (values + 1e-9 * random.random(values.shape)).argmax(axis=-1)
 

@@ -77,7 +77,7 @@ def test_numbers_of_a_table_are_those_of_the_runs():
     results = results_of("table1", {"env1/indiv/penalty=-20": {"returns": returns}})
     rows = table_of(to_markdown("table1", results))
     assert [row["scenario"] for row in rows] == ["env1", "env2-2r", "env2-4r"]
-    assert rows[0]["Indiv."] == f"120.00 ({math.sqrt(4 / 3) / 2:.2f})"
+    assert rows[0]["Indiv."] == f"120.00 ± {math.sqrt(4 / 3) / 2:.2f}"
     assert (rows[0]["Indiv., paper"], rows[0]["shortest paths"]) == ("119.50", "119.68")
     assert rows[0]["best asking team found"] == "121.20"
     assert rows[0]["joint optimum"] == "121.89"

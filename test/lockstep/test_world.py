@@ -293,6 +293,8 @@ def test_it_says_why_an_episode_began():
     beside.expire()
     assert beside.began == StartReason.NOBODY_LEFT
     together, _ = make_world()
+    together.start()
+    play(together, DOWN, DOWN)
     state = together.snapshot()
     there = {"under_way": True, "cells": (19, 17), "arrived": (False, True)}
     together.go_on_from(state._replace(position=state.position._replace(**there)))

@@ -102,6 +102,7 @@ def test_a_reader_that_begins_late_hears_a_writer_of_its_process(
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     library = tmp_path / "lib" / "libfastrtps.so"
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
     check_security()
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
     check_security()  # no wheel: a build of the user's own

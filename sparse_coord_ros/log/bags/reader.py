@@ -140,7 +140,9 @@ class BagFile:
         if self.finished:
             return
         whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
-        if whole.exists():  # its recorder has finished it meanwhile
+        if (
+            not self.path.exists() and whole.exists()
+        ):  # its recorder has finished it meanwhile
             self.path = whole
         with open_to_read(self.path) as file, failing(f"cannot read {self.path}"):
             self.size = file.seek(0, 2)

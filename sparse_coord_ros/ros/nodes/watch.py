@@ -550,7 +550,7 @@ class HeardTeam:
         told = tuple(
             Reward(0.0, 0.0, 0.0, 0.0) if one is None else one for one in rewards
         )
-        arrived = tuple(k for k in robots if after[k] == self._goals[k])
+        arrived = tuple(k for k in sorted(acted) if after[k] == self._goals[k])
         self._begin_where_due(step)
         self.history.add(
             self.episode, step, actions, StepOutcome(told, met, arrived, False)

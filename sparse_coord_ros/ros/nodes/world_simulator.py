@@ -89,6 +89,7 @@ class WorldSimulator(ParameterNode):
         topics: its publishers.
         speed: the speed of the run.
         restart: orders the team to begin; it exists once the world has opened.
+        rate_timer: the timer of the parameter `rate`, if it is not 0.
 
     Raises:
         SparseCoordError: a bad parameter, another world, robots that do not come.
@@ -99,7 +100,7 @@ class WorldSimulator(ParameterNode):
     restart: Restart
     state = State.LISTENING
     _output: Output | None = None
-    _rate_timer: Timer | None = None
+    rate_timer: Timer | None = None
     # The rate of that timer.
     _timed_rate = 0.0
     _told = -math.inf
@@ -328,7 +329,7 @@ class WorldSimulator(ParameterNode):
         self._say()
 
     def _watch_the_barrier(self, now: float) -> None:
-        self._keep_the_rate()
+        self.keep_the_rate()
         self._save_now_and_then(now)
         if self.bodies is not None:
             self.bodies.look(now, held=self.state is State.PAUSED)
@@ -398,18 +399,18 @@ class WorldSimulator(ParameterNode):
             )
             self._end_when_finished()
 
-    def _keep_the_rate(self) -> None:
+    def keep_the_rate(self) -> None:
         """Make the timer of the rate, which may have changed; without a rate a step is due."""
         rate = self.values["rate"]
         if rate == 0 and self.state is State.RESTING:
             self._happens(Event.DUE)
         if rate == self._timed_rate:
             return
-        if self._rate_timer is not None:
-            self.destroy_timer(self._rate_timer)
-            self._rate_timer = None
+        if self.rate_timer is not None:
+            self.destroy_timer(self.rate_timer)
+            self.rate_timer = None
         if rate > 0:
-            self._rate_timer = self.create_timer(1 / rate, self.beat)
+            self.rate_timer = self.create_timer(1 / rate, self.beat)
         self._timed_rate = rate
 
     def _watch_the_rate(self, now: float) -> None:
