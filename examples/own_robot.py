@@ -23,7 +23,8 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-STEP = QoSProfile(depth=10_000)
+HEARD = QoSProfile(depth=10)
+SAID = QoSProfile(depth=4_000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MOVES = [{"east": 1}, {"east": -1}, {"north": 1}, {"north": -1}]
 STEP_SECONDS = 0.1
@@ -42,7 +43,7 @@ class OwnRobot(Node):
         self.over = False
         self.forget()
         self.name = self.get_name()
-        self.action = self.create_publisher(JointState, "~/action", STEP)
+        self.action = self.create_publisher(JointState, "~/action", SAID)
         self.progress = self.create_publisher(DiagnosticStatus, "~/_progress", LATCHED)
         self.create_service(GetPlan, "~/active_perception", self.on_asked)
         self.create_subscription(String, "run", self.on_run, LATCHED)
@@ -93,8 +94,8 @@ class OwnRobot(Node):
         for ear in self.ears:
             self.destroy_subscription(ear)
         self.ears = [
-            self.create_subscription(JointState, "~/reward", self.on_reward, STEP),
-            self.create_subscription(PoseStamped, "~/local_state", self.on_state, STEP),
+            self.create_subscription(JointState, "~/reward", self.on_reward, HEARD),
+            self.create_subscription(PoseStamped, "~/local_state", self.on_state, HEARD),
         ]
 
     def on_state(self, message):

@@ -63,7 +63,7 @@ def test_ten_rates_one_after_the_other(bench):
 def test_a_rate_that_cannot_be_kept_is_named(bench, monkeypatch, capfd):
     monkeypatch.setattr(world_simulator, "PROGRESS_SECONDS", 0.3)
     monkeypatch.setattr(world_simulator, "REPORT_SECONDS", 0.1)
-    world = bench.world(rate=1e6)
+    bench.world(rate=1e6)
     bench.robots()
     bench.spin_until(lambda: "rate 1e+06 cannot be kept: " in capfd.readouterr().err)
     monkeypatch.undo()
