@@ -95,7 +95,9 @@ class OwnRobot(Node):
             self.destroy_subscription(ear)
         self.ears = [
             self.create_subscription(JointState, "~/reward", self.on_reward, HEARD),
-            self.create_subscription(PoseStamped, "~/local_state", self.on_state, HEARD),
+            self.create_subscription(
+                PoseStamped, "~/local_state", self.on_state, HEARD
+            ),
         ]
 
     def on_state(self, message):

@@ -37,14 +37,17 @@ ROWS = {
     "pairs, 2,000 steps": (2, 4, 10, FEW_STEPS),
     "pairs, 2,000 steps, map known": (2, 4, 10, FEW_STEPS | {"prior": "map"}),
     "swap": (2, 4, 10, {"interactions": "swap"}),
+    "block": (2, 4, 10, {"interactions": "block"}),
+    "block:anywhere": (2, 4, 10, {"interactions": "block:anywhere"}),
     "four": (4, 2, 4, {}),
     "eight": (8, 2, 2, {}),
     "sixteen": (16, 2, 2, {}),
+    "thirty-two": (32, 1, 2, {}),
 }
 """Robots, buildings of each kind, teams in each building, and settings."""
 
-OFFICES = {16: "building-3x2x4"}
-"""The kind of building of the largest teams."""
+OFFICES = {16: "building-3x2x4", 32: "building-4x2x5"}
+"""The kind of building of the largest teams; that of 32 robots has 257 cells."""
 
 GAME = ("interactions",)
 """Settings by which buildings are chosen, and where their gaps end."""
