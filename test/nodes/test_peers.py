@@ -78,9 +78,6 @@ class Node:
     def create_client(self, kind, name):
         return self
 
-    def configure_introspection(self, *of_what):
-        pass
-
     def service_is_ready(self):
         return True
 
