@@ -340,8 +340,8 @@ def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
 def test_world_and_recorder_may_be_renamed(bench, tmp_path):
     """Their topics show their roles; and /clock stands still for use_sim_time.
 
-    Each node has a context of its own. On a busy machine, once in a hundred times, Fast DDS does not
-    let two of so many participants in one process find each other.
+    Each node has a context of its own. On a busy machine, once in a hundred times, two of so many
+    participants in one process do not find each other.
     """
 
     def start(kind, name, *parameters):
