@@ -368,7 +368,7 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
     return RunLog(
         path=bag.path,
         files=tuple(file.path.name for file in bag.files),
-        segments=tuple(file.begins_ns // frame.period for file in bag.files),
+        segments=tuple((file.begins_ns or 0) // frame.period for file in bag.files),
         run=run,
         frame=frame,
         names=run.scenario.names,
