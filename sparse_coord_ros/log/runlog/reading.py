@@ -32,7 +32,7 @@ from sparse_coord_ros.protocol.wire.messages import (
     action_from,
 )
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
-from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
+from sparse_coord_ros.protocol.wire.tables import PublishedTables, read_tables
 
 EACH_STEP = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT)
 """The topics with one message a robot and time step, which `verify` compares."""
@@ -321,7 +321,7 @@ def _tables(
     """Return a robot's tables; note unreadable ones."""
     found = []
     known = set()
-    saved: Sequence[SavedTables] = rows.content.tolist()
+    saved: Sequence[PublishedTables] = rows.content.tolist()
     for said, file in zip(saved, rows.file.tolist(), strict=True):
         if said.step >= ends[file] or (said.step, said.packed) in known:
             continue
