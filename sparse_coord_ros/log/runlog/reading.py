@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag becomes a `RunLog`, in three steps.
 
-1. `read` reads the messages of the run's topics, by topic and robot, as rows.
+1. `Reader` reads the messages of the run's topics, by topic and robot, as rows.
 2. `sort` brings them into the order of their time steps. Each time step keeps one message of a
    topic, without what was superseded.
 3. `arrange` puts them into arrays over time step and robot.
@@ -99,16 +99,11 @@ def read_run(path: Path) -> RunLog:
     """
     bag = Bag(bag_files(Path(path)))
     found = find_run(bag)
-    said = read(bag, found)
+    said = Reader(bag, found).read()
     return arrange(bag, found.run, sort(said, found.run))
 
 
 # 1. Read.
-
-
-def read(bag: Bag, found: BagRun) -> Read:
-    """Read the messages of a run; raises BagError."""
-    return Reader(bag, found).read()
 
 
 class Reader:
