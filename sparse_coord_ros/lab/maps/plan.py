@@ -248,41 +248,24 @@ def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
     return tuple(middles)
 
 
-def _problem_of(plan: FloorPlan, layout: gridding.Gridding | None, cell: float) -> str:
-    """Return why cells of a size are of no use on a floor plan; empty: they are of use.
-
-    Args:
-        plan: the floor plan.
-        layout: the best grid of such cells; None: it would have too many.
-        cell: their side, in metres.
-    """
+def _tried_layout(
+    plan: FloorPlan, space: gridding.Space, cell: float
+) -> tuple[gridding.Gridding | None, str]:
+    """Return the best grid of cells of a size; None and why, if such cells are of no use."""
     if cell < plan.resolution:
-        return f"are smaller than a pixel of the map, {plan.resolution:g} m"
-    if layout is None:
-        count = _square_count(plan, cell)
-        return f"make {count:,.0f} squares, allowed: up to {MOST_CELLS:,}"
+        return None, f"are smaller than a pixel of the map, {plan.resolution:g} m"
+    count = plan.free.size * (plan.resolution / cell) ** 2
+    if count > MOST_CELLS:
+        return None, f"make {count:,.0f} squares, allowed: up to {MOST_CELLS:,}"
+    layout = gridding.best_layout(space, cell / plan.resolution)
     if layout.slips:
-        return (
+        return None, (
             "are so large that a wall disappears between two "
             f"({_count(layout.slips, 'time', 'times')}, wherever the grid lies)"
         )
     if not layout.free.any():
-        return "have no free centre"
-    return ""
-
-
-def _square_count(plan: FloorPlan, cell: float) -> float:
-    return plan.free.size * (plan.resolution / cell) ** 2
-
-
-def _tried_layout(
-    plan: FloorPlan, space: gridding.Space, cell: float
-) -> tuple[gridding.Gridding | None, str]:
-    """Return the best grid of cells of a size, and why it is of no use, as of `_problem_of`."""
-    layout = None
-    if cell >= plan.resolution and _square_count(plan, cell) <= MOST_CELLS:
-        layout = gridding.best_layout(space, cell / plan.resolution)
-    return layout, _problem_of(plan, layout, cell)
+        return None, "have no free centre"
+    return layout, ""
 
 
 def _layout_of(
@@ -290,10 +273,10 @@ def _layout_of(
 ) -> gridding.Gridding:
     """Return the best grid of cells of a size; MapError names another size if it is of no use."""
     layout, problem = _tried_layout(plan, space, cell)
-    if layout is not None and not problem:
+    if layout is not None:
         return layout
     sizes = _sizes(plan, cell)
-    works = next((one for one in sizes if not _tried_layout(plan, space, one)[1]), None)
+    works = next((one for one in sizes if _tried_layout(plan, space, one)[0]), None)
     remedy = f"cells of {works:g} m work" if works else _no_size(sizes)
     raise MapError(f"map {plan.name}: cells of {cell:g} m {problem}; {remedy}")
 
@@ -315,8 +298,8 @@ def _chosen_layout(
     for number, size in enumerate(sizes):
         if found and number >= NEAR_SIZES:
             break
-        layout, problem = _tried_layout(plan, space, size)
-        if layout is not None and not problem:
+        layout, _ = _tried_layout(plan, space, size)
+        if layout is not None:
             found.append((size, layout))
     if not found:
         raise MapError(f"map {plan.name}: {_no_size(sizes)}")
@@ -477,7 +460,7 @@ def _frame_of(grid: GridMap) -> _Frame:
 
 def centre_of(grid: GridMap, cell: int) -> Place:
     """Return (x, y) of the middle of a cell, by its number, in metres."""
-    return _frame_of(grid).centre(grid.cells[cell])
+    return grid.squares.centre(*grid.cells[cell])
 
 
 def _robot_cells(
