@@ -166,26 +166,7 @@ def import_map(
     if corridors:
         found = np.where(narrow > 0, across.max() + narrow, across)
     doors = _doorways(frame, found, doorway, no_doorway)
-    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))
-    # Nothing but walls around the map is of use: a border of one cell stays.
-    rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
-    top = max(0, rows[0] - 1)
-    bottom = min(free.shape[0], rows[-1] + 2)
-    left = max(0, columns[0] - 1)
-    right = min(free.shape[1], columns[-1] + 2)
-    corner = squares.corner.absolute(left * cell, (free.shape[0] - bottom) * cell)
-    grid = GridMap(
-        name=plan.name,
-        rows=tuple("".join(row) for row in symbols[top:bottom, left:right]),
-        title=f"{plan.name}: a floor plan in cells of {cell:g} m",
-        source=str(plan.path.resolve()),
-        provenance=f"made by import-map for robots of radius {radius:g} m",
-        resolution=cell,
-        origin=Pose(
-            round(float(corner[0]), 6), round(float(corner[1]), 6), squares.corner.yaw
-        ),
-        radius=radius,
-    )
+    grid = _grid_of(plan, squares, free, doors, radius)
     parts = tuple(
         sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True)
     )
@@ -227,6 +208,35 @@ def _squares_of(plan: FloorPlan, layout: gridding.Gridding, cell: float) -> Squa
         (height - layout.top) * plan.resolution - rows * cell,
     )
     return Squares(Pose(*corner, plan.origin.yaw), cell, rows)
+
+
+def _grid_of(
+    plan: FloorPlan,
+    squares: Squares,
+    free: np.ndarray,
+    doors: np.ndarray,
+    radius: float,
+) -> GridMap:
+    """Return free cells and doorways as a map, without what is walls alone around them."""
+    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))
+    # Nothing but walls around the map is of use: a border of one cell stays.
+    rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
+    top = max(0, rows[0] - 1)
+    bottom = min(free.shape[0], rows[-1] + 2)
+    left = max(0, columns[0] - 1)
+    right = min(free.shape[1], columns[-1] + 2)
+    cell = squares.side
+    x, y = squares.corner.absolute(left * cell, (free.shape[0] - bottom) * cell)
+    return GridMap(
+        name=plan.name,
+        rows=tuple("".join(row) for row in symbols[top:bottom, left:right]),
+        title=f"{plan.name}: a floor plan in cells of {cell:g} m",
+        source=str(plan.path.resolve()),
+        provenance=f"made by import-map for robots of radius {radius:g} m",
+        resolution=cell,
+        origin=Pose(round(float(x), 6), round(float(y), 6), squares.corner.yaw),
+        radius=radius,
+    )
 
 
 def _widest(plan: FloorPlan) -> float:
