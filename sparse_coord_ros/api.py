@@ -54,7 +54,7 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.learners.voi import Voi
 from sparse_coord_ros.core.runs import evaluation, run_config
 from sparse_coord_ros.core.runs.history import (
-    MEAN_CURVES,
+    CURVES,
     History,
     load_history,
     mean_curves,
@@ -231,7 +231,7 @@ class Runs(list[Training]):
         with needed("plots need pandas and Matplotlib", PLOTS):
             from sparse_coord_ros.show.mean_curves import curves_figure
         for name in names:
-            check_choice("curve", name, MEAN_CURVES)
+            check_choice("curve", name, CURVES)
         one = self[0]
         game = f"{one.scenario.name}, penalty {one.scenario.penalty:g}"
         title = f"{one.learner.title}, {game}: {len(self)} runs; band: a standard error"

@@ -44,10 +44,7 @@ def execute(options: argparse.Namespace) -> None:
             "--step N and --out DIR belong together; without both the steps are listed"
         )
     log = read_run(options.bag)
-    of_each: list[dict[int, Any]] = [{} for _ in log.names]
-    for one in log.all_tables:
-        of_each[one.robot][one.step] = one.tables
-    common = sorted(set.intersection(*(set(known) for known in of_each)))
+    common = sorted(set.intersection(*map(set, log.table_steps())))
     said: dict[str, Any] = {"bag": options.bag, "steps": common, "damage": log.damage}
     there = ", ".join(map(str, common)) or "none"
     lines = [f"time steps with tables of all robots: {there}"]
@@ -59,7 +56,7 @@ def execute(options: argparse.Namespace) -> None:
                 f"those of: {there}"
             )
         out = create_output(options.out)
-        save_team(out, [known[step].memory for known in of_each])
+        save_team(out, [log.tables[k, step].memory for k in range(len(log.names))])
         write_whole(out / RUN_FILE, log.run.to_yaml())
         said |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]

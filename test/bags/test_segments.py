@@ -56,6 +56,19 @@ def test_what_is_counted_over_several_files(tmp_path, samples):
     assert last["duration"]["nanoseconds"] == 20
 
 
+def test_a_bag_begins_with_its_earliest_message(tmp_path, samples, monkeypatch):
+    """A file without messages has no beginning; time 0 is one."""
+    writer, _ = begin(tmp_path / "later", samples, range(5, 10))
+    writer.begin_file()
+    writer.close()
+    assert open_bag(tmp_path / "later").start_ns == 5
+    monkeypatch.setattr("sparse_coord_ros.log.bags.reader.TOGETHER", 0)
+    writer, channels = begin(tmp_path / "zero", samples, [0] * 20)
+    write(writer, channels, samples, range(7, 30))
+    writer.close()
+    assert open_bag(tmp_path / "zero").files[0].start_ns == 0
+
+
 def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
     directory = tmp_path / "bag"
     writer, channels = begin(directory, samples, range(1))

@@ -27,12 +27,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.base.errors import BagError, RunError
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.log.bags import BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.log.bags import BagTopic, BagWriter, QoS, open_bag, type_hash
 from sparse_coord_ros.ros.nodes.player import REMEDY, Player, main
 from sparse_coord_ros.ros.nodes.player_topics import chosen_topics
 
 LATCHED = QoS(durability="transient_local", depth=1)
 EVENTS = "/robot_1/active_perception/_service_event"
+"""Service events, as a bag of rosbag2 may hold them."""
 TYPES = {
     "/clock": ("rosgraph_msgs/msg/Clock", QoS()),
     "/map": ("std_msgs/msg/String", LATCHED),
@@ -61,7 +62,10 @@ def content(step):
 def write_bag(directory, *, steps=50, types=TYPES, close=True):
     """Write a bag of 0.1 s a step; returns its directory."""
     writer = BagWriter(directory)
-    channels = {name: writer.add_topic(name, *kind) for name, kind in types.items()}
+    channels = {}
+    for name, (type_name, qos) in types.items():
+        topic = BagTopic(name, type_name, "", (qos,), type_hash(type_name))
+        channels[name] = writer.add_known_topic(topic)
     for step in range(steps):
         for topic, message in content(step):
             if topic in channels:
@@ -305,8 +309,8 @@ def test_types_that_are_not_installed_are_named_once_and_left_out(
         "/robot_2/action": ("Int32", ""),
     }
     with closing(BagWriter(tmp_path / "bag")) as writer:
-        for name, (type_name, type_hash) in strange.items():
-            topic = BagTopic(name, type_name, "", (QoS(),), type_hash)
+        for name, (type_name, digest) in strange.items():
+            topic = BagTopic(name, type_name, "", (QoS(),), digest)
             writer.write(writer.add_known_topic(topic), bytes(8), 0, 0)
         channel = writer.add_topic("/robot_1/action", *TYPES["/robot_1/action"])
         writer.write(channel, serialize_message(Int32()), 0, 0)

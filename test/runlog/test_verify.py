@@ -531,12 +531,12 @@ def test_a_damaged_bag_is_verified_up_to_there(record, tmp_path, share, how):
 
 
 @pytest.mark.parametrize("killed", [False, True])
-@pytest.mark.parametrize("after", [1, 25])
-def test_a_run_that_went_back_is_one_chain(good, tmp_path, killed, after):
-    directory = rolled_back(good, tmp_path / "bag", 150, after=after, killed=killed)
+@pytest.mark.parametrize(("step", "after"), [(150, 1), (150, 25), (0, 25)])
+def test_a_run_that_went_back_is_one_chain(good, tmp_path, killed, step, after):
+    directory = rolled_back(good, tmp_path / "bag", step, after=after, killed=killed)
     found = verify(directory)
     assert found.same, found.first
-    assert found.log.segments == (0, 150)
+    assert found.log.segments == (0, step)
     due = read_run(good.bag)
     for name in ("step", "cells", "action", "percept"):
         assert np.array_equal(getattr(found.log, name), getattr(due, name)), name

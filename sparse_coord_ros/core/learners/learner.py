@@ -458,10 +458,9 @@ class Learner:
                     f"initial returned {in_short(mind)}, allowed: the learner's Mind, with all "
                     "its fields; write an initial for a Mind of your own"
                 )
-            fields = mind._asdict()
-            if not {"q_star", "updates"} <= set(fields):
+            if not {"q_star", "updates"} <= set(mind._fields):
                 raise TypeError(
-                    f"its Mind has the fields {', '.join(fields)}; it needs q_star and "
+                    f"its Mind has the fields {', '.join(mind._fields)}; it needs q_star and "
                     "updates, too"
                 )
             if scenario.prior == "map":

@@ -471,6 +471,12 @@ def move_without_answer(mind: Any, k: int, x: int, share: float) -> int:
 
 
 @jitable
+def worth_of_asking(values: Values, share: float, n: int) -> float:
+    """Return A, by (4), from a row of Q^C, p and n."""
+    return float(share * greatest(values, PRIMITIVES) + (1.0 - share) * values[n])
+
+
+@jitable
 def best_move(values: Values) -> int:
     """Return the best move of a row, the first of equally good ones: by (3) it is m."""
     best = 0
@@ -499,8 +505,7 @@ def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float
     rho = mind.rho.values[k, find(mind.rho, k, place(task, y, j, z))]
     for b in range(PRIMITIVES):
         row[b] = mind.u[k, y, b] + rho[b]
-    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[n]
-    return float(best - price(task) / (task.robots - 1))
+    return worth_of_asking(row, share, n) - price(task) / (task.robots - 1)
 
 
 @jitable
@@ -695,14 +700,15 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
         if j != k:
             z = int(now.cells[j])
             share = min(share, share_answered(mind, task, k, x, j, z))
-    worst(mind.rho, task, k, x, now.cells, row)
-    for b in range(PRIMITIVES):
+    if share < 1.0:
+        worst(mind.rho, task, k, x, now.cells, row)
         size = (1.0 - share) * alpha
-        mind.blind[k, x, b] = toward(mind.blind[k, x, b], size, row[b])
+        for b in range(PRIMITIVES):
+            mind.blind[k, x, b] = toward(mind.blind[k, x, b], size, row[b])
     n = move_without_answer(mind, k, x, share)
     know(mind, task, k, x, now.cells, row)
-    best = share * greatest(row, PRIMITIVES) + (1.0 - share) * row[n]
-    worth = best - greatest(mind.u[k, x], PRIMITIVES)
+    asking = worth_of_asking(row, share, n)
+    worth = asking - greatest(mind.u[k, x], PRIMITIVES)
     mind.gain[k, x, COORDINATE] = toward(mind.gain[k, x, COORDINATE], alpha, worth)
 
 

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base import npz
+from sparse_coord_ros.base.compiling import viewed
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import RunError, retold
 from sparse_coord_ros.base.files import read_file, write_whole
+from sparse_coord_ros.core.game.rules import paid_for_ever, problem_of, rewards_of
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import Action, StepOutcome
 
@@ -212,11 +214,8 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     )
 
 
-MEAN_CURVES = CURVES
-"""The learning curves of several runs."""
-
 PARTS = 50
-"""Points of such a curve."""
+"""Points of the mean learning curve of several runs."""
 
 
 def mean_curves(histories: Sequence[History], steps: int) -> dict[str, np.ndarray]:
@@ -227,12 +226,12 @@ def mean_curves(histories: Sequence[History], steps: int) -> dict[str, np.ndarra
         steps: the learning steps of a run.
 
     Returns:
-        `steps`, the learning steps at the end of each part, and for each of `MEAN_CURVES` the mean
+        `steps`, the learning steps at the end of each part, and for each of `CURVES` the mean
         of the episodes that end in the part, and `<name>_error`; NaN where none does.
     """
     ends = np.linspace(0, steps, PARTS + 1)[1:]
     curves: dict[str, np.ndarray] = {"steps": ends}
-    for name in MEAN_CURVES:
+    for name in CURVES:
         by_run = np.array([_by_part(history, name, ends) for history in histories])
         known = ~np.isnan(by_run)
         count = known.sum(axis=0)
@@ -250,7 +249,7 @@ def _by_part(history: History, name: str, ends: np.ndarray) -> np.ndarray:
     values = np.asarray(getattr(history, name), dtype=np.float64)
     if values.ndim == 2:
         values = (values * history.present).sum(axis=1) / history.present.sum(axis=1)
-    done = _learning_steps(history)
+    done = history.steps_before + history.length
     whole = done < ends[-1]  # the budget's end cuts an episode off
     values = values[whole]
     part = np.searchsorted(ends, done[whole])
@@ -258,15 +257,6 @@ def _by_part(history: History, name: str, ends: np.ndarray) -> np.ndarray:
     counts = np.bincount(part, minlength=len(ends))
     with np.errstate(invalid="ignore"):
         return np.asarray(sums / counts)
-
-
-def _learning_steps(history: History) -> np.ndarray:
-    """Return the learning steps at the end of each episode; robots that learn alone each count."""
-    done = np.zeros(history.episodes)
-    for group in np.unique(history.present, axis=0):
-        own = (history.present == group).all(axis=1)
-        done[own] = np.cumsum(history.length[own])
-    return done
 
 
 class HistoryRecorder:
@@ -287,7 +277,7 @@ class HistoryRecorder:
         under_way: bool = False,
     ) -> None:
         robots = len(scenario.robots)
-        self._scenario = scenario
+        self._problem = viewed(problem_of(scenario, percepts=False))
         begun = blank_history(0, robots) if history is None else history
         self._rows = concatenated([begun, blank_history(FIRST_EPISODES, robots)])
         self._used = begun.episodes
@@ -296,7 +286,7 @@ class HistoryRecorder:
         self._factor = 1.0  # gamma^n after n steps of the episode
         if under_way:
             for _ in range(int(begun.length[-1])):
-                self._factor *= scenario.discount
+                self._factor *= self._problem.discount
 
     def add(
         self,
@@ -326,17 +316,17 @@ class HistoryRecorder:
             asked = action is not None and action.asked
             rows.asks[last, k] += asked
             rows.returns[last, k] += self._factor * self._paid(k, asked, outcome)
-        self._factor *= self._scenario.discount
+        self._factor *= self._problem.discount
         for k in outcome.arrived:
             rows.arrived[last, k] = True
 
     def _paid(self, k: int, asked: bool, outcome: StepOutcome) -> float:
         """Return R_k(t) with all that the goal pays from the arrival on."""
-        scenario = self._scenario
-        goal = scenario.arrival_value if k in outcome.arrived else 0.0
-        common = scenario.penalties[k] if outcome.miscoordination else 0.0
-        asking = -scenario.ask_cost if asked else 0.0
-        return goal + common + asking
+        arrives = k in outcome.arrived
+        _, common, asking = rewards_of(
+            self._problem, k, outcome.miscoordination, arrives, asked
+        )
+        return paid_for_ever(self._problem, arrives, common, asking)
 
     def _begin(self, step: int) -> None:
         """Begin the next row."""

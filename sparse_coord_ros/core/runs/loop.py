@@ -116,7 +116,7 @@ def begin(problem: Problem, run: Run) -> None:
 
 
 @jitable
-def know(known: Any, cells: Any, k: int, seen: int) -> None:
+def set_known(known: Any, cells: Any, k: int, seen: int) -> None:
     """Set the cells that robot k knows: its own, and those of the peers that it sees."""
     for j in range(len(cells)):
         known[j] = cells[j] if j == k or (seen >> j) & 1 else NOT_PERCEIVED
@@ -194,7 +194,7 @@ def loop_of(learner: Any) -> Callable[..., None]:
                 seen = 0
                 if action == COORDINATE:
                     seen = perceive(problem, run.keys, k, step, before)
-                    know(run.known, before, k, seen)
+                    set_known(run.known, before, k, seen)
                     asking_values(mind, task, k, cell, seen, run.known, run.values)
                     move = move_after_asking(
                         mind, task, k, step, cell, seen, run.known, run.values
@@ -230,8 +230,8 @@ def loop_of(learner: Any) -> Callable[..., None]:
                     if task.sees_all:
                         seen = everybody_but(k, team)
                         seen_next = seen
-                    know(run.known, before, k, seen)
-                    know(run.known_next, cells, k, seen_next)
+                    set_known(run.known, before, k, seen)
+                    set_known(run.known_next, cells, k, seen_next)
                     met = UNKNOWN_PARTNERS
                     if wants_partners:
                         met = partners(

@@ -113,7 +113,7 @@ class BagFile:
         size: its size in bytes.
         counts: number of messages by topic.
         start_ns, end_ns: log times of its earliest and latest message; 0 without any.
-        begins_ns: log time of its first message on a topic `run`; 0 without any.
+        begins_ns: log time of its first message on a topic `run`; None: there is none.
     """
 
     def __init__(self, path: Path) -> None:
@@ -123,10 +123,15 @@ class BagFile:
         self.size = 0
         self.counts: Counter[str] = Counter()
         self.start_ns = self.end_ns = 0
-        self.begins_ns = 0
+        self.begins_ns: int | None = None
         self.read_to = 0
         self.schemas: dict[int, Schema] = {}
         self.topic_of = np.full(1 << 16, -1)  # by channel
+
+    @property
+    def filled(self) -> bool:
+        """True if it has messages."""
+        return self.counts.total() > 0
 
     @property
     def summary(self) -> FileSummary:
@@ -175,14 +180,14 @@ class BagFile:
 
     def note(self, heads: np.ndarray, names: Sequence[str]) -> None:
         """Count messages."""
+        start_ns = int(heads["log_ns"].min())
+        self.start_ns = min(self.start_ns, start_ns) if self.filled else start_ns
+        self.end_ns = max(self.end_ns, int(heads["log_ns"].max()))
         counts = np.bincount(heads["topic"])
         for place in np.flatnonzero(counts).tolist():
             self.counts[names[place]] += int(counts[place])
-            if not self.begins_ns and names[place].endswith(f"/{RUN.name}"):
+            if self.begins_ns is None and names[place].endswith(f"/{RUN.name}"):
                 self.begins_ns = int(heads["log_ns"][heads["topic"] == place][0])
-        times = int(heads["log_ns"].min()), int(heads["log_ns"].max())
-        self.start_ns = min(self.start_ns, times[0]) if self.end_ns else times[0]
-        self.end_ns = max(self.end_ns, times[1])
 
 
 def check_begin(path: Path, begin: bytes) -> None:
@@ -379,10 +384,12 @@ class Bag:
         A further file begins with the run at the time of a checkpoint, to which the team has gone
         back. What files before it have from then on is superseded.
         """
-        begins = [file.begins_ns or LATEST_NS for file in self.files]
-        return [
-            min(begins[place + 1 :], default=LATEST_NS) for place in range(len(begins))
-        ]
+        begins = [file.begins_ns for file in self.files]
+        ends = []
+        for place in range(len(begins)):
+            later = [ns for ns in begins[place + 1 :] if ns is not None]
+            ends.append(min(later, default=LATEST_NS))
+        return ends
 
     @property
     def counts(self) -> Counter[str]:
@@ -399,7 +406,7 @@ class Bag:
     @property
     def start_ns(self) -> int:
         """Earliest log time; 0 without messages."""
-        return min((file.start_ns for file in self.files if file.counts), default=0)
+        return min((file.start_ns for file in self.files if file.filled), default=0)
 
     @property
     def end_ns(self) -> int:

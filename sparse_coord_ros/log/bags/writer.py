@@ -21,7 +21,7 @@ from sparse_coord_ros.log.bags.metadata import (
     yaml_text,
 )
 from sparse_coord_ros.log.bags.reader import Bag, stem_and_number
-from sparse_coord_ros.log.bags.schemas import schema_text, stored_name, type_hash
+from sparse_coord_ros.log.bags.schemas import schema_text, type_hash
 from sparse_coord_ros.log.bags.topics import BagTopic, QoS
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
@@ -122,8 +122,7 @@ class BagWriter:
 
         Args:
             topic: full topic name, with a leading slash.
-            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events, which
-                have their `stored_name` in the bag.
+            type_name: `package/msg/Type`.
             qos: the profile that the topic's publisher offers.
 
         Raises:
@@ -132,9 +131,8 @@ class BagWriter:
         self._file.check_usable()
         if topic in self._channels:
             return self._channels[topic]
-        name = stored_name(type_name)
-        digest = type_hash(type_name) if name == type_name else ""
-        known = BagTopic(topic, name, schema_text(type_name), (qos,), digest)
+        digest = type_hash(type_name)
+        known = BagTopic(topic, type_name, schema_text(type_name), (qos,), digest)
         return self.add_known_topic(known)
 
     def add_known_topic(self, topic: BagTopic) -> int:

@@ -33,6 +33,7 @@ class PerceptCheck:
         self._trajectory = trajectory
         self._percepts = Percepts(log.run.scenario, log.run.seed)
         self._rows = dict(zip(percepts.step.tolist(), percepts.rows, strict=True))
+        self._rewarded = set(log.series[REWARD, k].step.tolist())
 
     def check(self, place: int) -> Iterator[Finding]:
         """Compare the percept of an action, by its place in the trajectory; or that it has none.
@@ -92,8 +93,8 @@ class PerceptCheck:
 
         A peer that has gone on without this robot refuses, too.
         """
-        rewarded = step in self._log.series[REWARD, self._k].step
         refused = end == PerceptEnd.REFUSED
+        rewarded = step in self._rewarded
         if refused and rewarded and self._succeeds(step, cells, peers):
             words = PerceptEnd.REFUSED.words, PerceptEnd.ANSWERED.words
             yield self._difference(step, *words)

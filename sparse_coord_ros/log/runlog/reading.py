@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag becomes a `RunLog`, in three steps.
 
-1. `read` reads the messages of the run's topics, by topic and robot, as rows.
+1. `Reader` reads the messages of the run's topics, by topic and robot, as rows.
 2. `sort` brings them into the order of their time steps. Each time step keeps one message of a
    topic, without what was superseded.
 3. `arrange` puts them into arrays over time step and robot.
@@ -32,7 +32,7 @@ from sparse_coord_ros.protocol.wire.messages import (
     action_from,
 )
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
-from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
+from sparse_coord_ros.protocol.wire.tables import PublishedTables, read_tables
 
 EACH_STEP = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT)
 """The topics with one message a robot and time step, which `verify` compares."""
@@ -99,16 +99,11 @@ def read_run(path: Path) -> RunLog:
     """
     bag = Bag(bag_files(Path(path)))
     found = find_run(bag)
-    said = read(bag, found)
+    said = Reader(bag, found).read()
     return arrange(bag, found.run, sort(said, found.run))
 
 
 # 1. Read.
-
-
-def read(bag: Bag, found: BagRun) -> Read:
-    """Read the messages of a run; raises BagError."""
-    return Reader(bag, found).read()
 
 
 class Reader:
@@ -321,7 +316,7 @@ def _tables(
     """Return a robot's tables; note unreadable ones."""
     found = []
     known = set()
-    saved: Sequence[SavedTables] = rows.content.tolist()
+    saved: Sequence[PublishedTables] = rows.content.tolist()
     for said, file in zip(saved, rows.file.tolist(), strict=True):
         if said.step >= ends[file] or (said.step, said.packed) in known:
             continue
@@ -368,7 +363,7 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
     return RunLog(
         path=bag.path,
         files=tuple(file.path.name for file in bag.files),
-        segments=tuple(file.begins_ns // frame.period for file in bag.files),
+        segments=tuple((file.begins_ns or 0) // frame.period for file in bag.files),
         run=run,
         frame=frame,
         names=run.scenario.names,

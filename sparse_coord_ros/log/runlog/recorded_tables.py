@@ -10,7 +10,7 @@ import numpy as np
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
-from sparse_coord_ros.protocol.wire.tables import SavedTables
+from sparse_coord_ros.protocol.wire.tables import PublishedTables
 
 
 class RecordedTables(NamedTuple):
@@ -31,7 +31,7 @@ class RecordedTables(NamedTuple):
     arrays: Mapping[str, np.ndarray]
 
 
-def opened(run: RunConfig, robot: int, said: SavedTables) -> RecordedTables:
+def opened(run: RunConfig, robot: int, said: PublishedTables) -> RecordedTables:
     """Return a robot's tables; raises TablesError."""
     name = f"tables of {run.scenario.names[robot]} of time step {said.step}"
     [saved] = unpack_saved(said.packed, [robot + 1], where=name)

@@ -5,7 +5,7 @@
 from typing import Any, NamedTuple
 
 
-class SavedTables(NamedTuple):
+class PublishedTables(NamedTuple):
     """A robot's tables as it publishes them.
 
     Attributes:
@@ -21,7 +21,7 @@ class SavedTables(NamedTuple):
     attempt: str
 
 
-def read_tables(message: Any) -> SavedTables:
+def read_tables(message: Any) -> PublishedTables:
     """Return the tables in a decoded std_msgs/UInt8MultiArray.
 
     Raises:
@@ -31,4 +31,6 @@ def read_tables(message: Any) -> SavedTables:
     labels = [dimension.label for dimension in dimensions]
     if len(labels) != 3 or labels[0] != "npz":
         raise ValueError(f"has the dimensions {labels}, not npz, occasion and attempt")
-    return SavedTables(bytes(message.data), dimensions[1].size, labels[1], labels[2])
+    return PublishedTables(
+        bytes(message.data), dimensions[1].size, labels[1], labels[2]
+    )

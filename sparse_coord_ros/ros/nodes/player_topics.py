@@ -12,7 +12,6 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from sparse_coord_ros.base.errors import BagError, message_of
 from sparse_coord_ros.log.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
-from sparse_coord_ros.log.bags.schemas import ros_name
 from sparse_coord_ros.log.bags.topics import latched
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM, SECOND
@@ -110,7 +109,7 @@ def class_of(topic: BagTopic) -> type:
     Raises:
         ValueError: the type is not installed, or another version of it is.
     """
-    name = ros_name(topic.type_name, topic.name)
+    name = topic.type_name
     if topic.encoding != "cdr":
         raise ValueError(f"its messages are {topic.encoding}, not cdr")
     try:

@@ -34,7 +34,7 @@ from sparse_coord_ros.protocol.wire.status import (
     RunStatus,
     read_progress,
 )
-from sparse_coord_ros.protocol.wire.tables import SavedTables, read_tables
+from sparse_coord_ros.protocol.wire.tables import PublishedTables, read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import messages_of, status
@@ -57,7 +57,7 @@ class RobotTables(NamedTuple):
     """A message on a robot's tables, and its bytes."""
 
     robot: str
-    said: SavedTables
+    said: PublishedTables
     data: bytes
 
 
@@ -152,7 +152,7 @@ class Recording:
         self._write_tables()
         self.flush()
 
-    def hear_tables(self, robot: str, heard: tuple[SavedTables, bytes]) -> None:
+    def hear_tables(self, robot: str, heard: tuple[PublishedTables, bytes]) -> None:
         """Keep a robot's tables until they are due."""
         self.heard = time.monotonic()
         one = RobotTables(robot, *heard)
@@ -418,7 +418,7 @@ class Recording:
             self._report("recording", values)
 
 
-def read_bytes(data: bytes) -> tuple[SavedTables, bytes]:
+def read_bytes(data: bytes) -> tuple[PublishedTables, bytes]:
     """Return a message on a robot's tables, and its bytes; an invalid one raises."""
     message = deserialize_message(data, ros_topics.TABLES.type)
     return read_tables(message), bytes(data)
