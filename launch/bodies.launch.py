@@ -18,7 +18,6 @@ WORLD, DRIVER, BODY = (
 OF_DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
 OF_BODY = ("radius", "body_rate")
 OWN = {
-    "clock": replace(WORLD["clock"], default=NO_CLOCK),
     "use_sim_time": replace(
         ARGUMENTS["use_sim_time"],
         default=True,

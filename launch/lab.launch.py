@@ -10,7 +10,6 @@ from dataclasses import replace
 
 from sparse_coord_ros.core.game.scenario import SETTINGS
 from sparse_coord_ros.core.game.settings import Setting
-from sparse_coord_ros.core.runs.run_config import NO_CLOCK
 from sparse_coord_ros.ros.launching import ARGUMENTS, description, one_for_each
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.ros.nodes.transforms import TF, TF_STATIC
@@ -27,7 +26,6 @@ OWN = {
     "base_frame": Setting(
         "base_frame", str, "base_link", "of each body in its own /NAMESPACE/tf"
     ),
-    "clock": replace(WORLD["clock"], default=NO_CLOCK),
     "slips": replace(WORLD["slips"], default=False),
     "epsilon": replace(
         SETTINGS["epsilon"],

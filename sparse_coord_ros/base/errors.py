@@ -216,11 +216,6 @@ def check_choice(name: str, value: object, known: Iterable[str]) -> None:
         )
 
 
-def check_function(name: str, value: object) -> None:
-    """Raise SettingError unless an argument can be called."""
-    check_argument(name, value, callable(value), "a function")
-
-
 OTHER_WORDS = {
     "alpha": "step_size",
     "learning_rate": "step_size",

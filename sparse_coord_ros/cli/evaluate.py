@@ -3,7 +3,8 @@
 """`sparse_coord evaluate`: the value of learned tables, beside the paper and the optimum."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -140,6 +141,22 @@ def evaluation_of(
         return play(run.scenario, tables, **how)
 
 
+@contextmanager
+def result_can_wait(out: Path, verb: str) -> Iterator[None]:
+    """Say how to come back to the result of a finished run if its evaluation is interrupted.
+
+    Args:
+        out: the run's directory.
+        verb: the verb that has made the run.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        again = f"sparse_coord {verb} --resume {out}"
+        note(f"the run is finished and saved in {out}; its result: {again}")
+        raise
+
+
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
     """Return the runs in groups of the same game, in the order given."""
     groups: dict[tuple[str, str], list[Evaluated]] = {}
@@ -177,7 +194,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
     }
 
 
-def result_of(scenario: Scenario, measures: Measures) -> dict[str, Any]:
+def facts_of_result(scenario: Scenario, measures: Measures) -> dict[str, Any]:
     """Return the result of a run for `summary.yaml`: its measures, and the reference values."""
     asking = shipped.shipped_asking_team(scenario)
     means: dict[str, Any] = {}
@@ -220,11 +237,18 @@ def result_table(found: Sequence[Evaluated], *, spread: bool = False) -> str:
         spread: whether standard deviations have columns of their own.
     """
     scenario = found[0].run.scenario
-    optimum = shipped.known_optimum(scenario).value
     head = [f"{scenario.name}, penalty {scenario.penalty:g}", *HEADINGS.values()]
     head.append("source")
     if spread:
         head += [f"s.d. of {HEADINGS[name]}" for name in SPREAD]
+    rows = [*_learned_rows(found), *_reference_rows(scenario)]
+    table = format_table(head, [row[: len(head)] for row in rows])
+    return f"{table}\n{ERRORS}" if "±" in table else table
+
+
+def _learned_rows(found: Sequence[Evaluated]) -> list[list[str]]:
+    """Return a row for each run, and the paper's rows of their learners."""
+    optimum = shipped.known_optimum(found[0].run.scenario).value
     rows = []
     titles = [run.title for _, run, _ in found]
     papers: dict[str, dict] = {}
@@ -232,16 +256,21 @@ def result_table(found: Sequence[Evaluated], *, spread: bool = False) -> str:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)
-        rows.append([named, *measures.cells(optimum=optimum).values()])
-        rows[-1] += measures.spreads()
+        cells = measures.cells(optimum=optimum).values()
+        rows.append([named, *cells, *measures.spreads()])
     for title, paper in papers.items():
         if paper:
             pairs = [paper.get(name) for name in HEADINGS]
             means = ["-" if pair is None else f"{pair[0]:.2f}" for pair in pairs]
             spreads = ["-" if pair is None else f"{pair[1]:.2f}" for pair in pairs]
             rows.append([title, *means, "paper", *spreads[: len(SPREAD)]])
+    return rows
+
+
+def _reference_rows(scenario: Scenario) -> list[list[str]]:
+    """Return the rows of the reference values."""
     paths = shortest_paths(scenario)
-    rows.append(["fixed shortest paths", *paths.cells().values(), *paths.spreads()])
+    rows = [["fixed shortest paths", *paths.cells().values(), *paths.spreads()]]
     team = shipped.shipped_best_team(scenario)
     for name, value in shipped.yardsticks(scenario):
         cell = f"{value:.2f}"
@@ -250,5 +279,4 @@ def result_table(found: Sequence[Evaluated], *, spread: bool = False) -> str:
             cell = f"{cell} ± {team.standard_error:.2f}"
             source = f"{team.trials} trials"
         rows.append([name, cell, *["-"] * 4, source, *["-"] * len(SPREAD)])
-    table = format_table(head, [row[: len(head)] for row in rows])
-    return f"{table}\n{ERRORS}" if "±" in table else table
+    return rows

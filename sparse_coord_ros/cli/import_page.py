@@ -21,9 +21,7 @@ from sparse_coord_ros.base.errors import (
     failure_of,
     retold,
 )
-from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, ROBOT_COLOURS
-from sparse_coord_ros.base.yaml_text import parse_yaml
 from sparse_coord_ros.cli import train
 from sparse_coord_ros.cli.imported_map import (
     CELL,
@@ -47,6 +45,7 @@ from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.image import (
     FIELDS,
     data_url,
+    fields_of,
     is_picture,
     read_floor_plan,
     read_picture,
@@ -359,15 +358,16 @@ def _first(options: argparse.Namespace) -> dict[str, Any]:
     first: dict[str, Any] = {"cell": CELL_AT_FIRST, "radius": RADIUS_AT_FIRST}
     first |= {name: [] for name in PLACES} | {"corridors": False}
     if not is_picture(options.map):
-        text = read_text(options.map, MapError, "give the YAML file")
-        said = parse_yaml(text, where=str(options.map), error=MapError)
-        kept = said.get(FIELD, {})
+        kept = fields_of(options.map).get(FIELD, {})
         with retold(MapError, SparseCoordError, f"{options.map}: field {FIELD!r}"):
             if not isinstance(kept, Mapping):
                 raise SettingError(f"allowed: {', '.join(first)}, each with its value")
             first |= _chosen({**first, **kept}, scaled=False)
-    given = {name: getattr(options, name) for name in first}
-    return first | {name: value for name, value in given.items() if value}
+    for name in first:
+        given = getattr(options, name)
+        if given != options.parser.get_default(name):
+            first[name] = given
+    return first
 
 
 def _chosen(said: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:

@@ -195,15 +195,8 @@ def check_free(options: argparse.Namespace, plan: FloorPlan, *, replace: bool) -
 
 def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
     """Return the text of the scenario file: robots, and the settings that are no defaults."""
-    place = scenario.map.cells
-    robots = {
-        r.name: {"start": list(place[r.start]), "goal": list(place[r.goal])}
-        for r in scenario.robots
-    }
-    values = ((name, getattr(scenario, name)) for name in given)
-    plain = {
-        k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in values
-    }
-    data = {"map": f"{scenario.map.name}.txt", "robots": robots, **plain, **suggested}
+    said = scenario.to_dict()
+    chosen = {name: said[name] for name in ("robots", *given)}
+    data = {"map": f"{scenario.map.name}.txt", **chosen, **suggested}
     head = "# Made by import-map; robots' places are [row, column] of the map beside this file.\n"
     return head + to_yaml(data, default_flow_style=None)

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.game.scenario import (
     Scenario,
     load_scenario,
     scenario_names,
-    scenarios_on,
+    scenarios_by_map,
 )
 
 EXAMPLE = "sparse_coord maps\n  sparse_coord maps env1"
@@ -60,9 +60,10 @@ def _list(options: argparse.Namespace) -> None:
     """List the shipped maps, and the scenarios on each."""
     facts = []
     rows = []
+    on_map = scenarios_by_map()
     for name in map_names():
         grid = load_map(name)
-        scenarios = scenarios_on(name)
+        scenarios = on_map.get(name, [])
         facts.append({**_facts(grid), "scenarios": scenarios})
         counts = [len(grid.cells), grid.doorway_count, len(grid.starts)]
         rows.append([name, *map(str, counts), ", ".join(scenarios), grid.title])

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import fields, is_dataclass
 from datetime import datetime
@@ -275,31 +275,10 @@ def allowed_with(
     Raises:
         SettingError: one of them is given.
     """
-    for shown in _given(options, names):
-        raise SettingError(f"{shown}: allowed with {partner} only; add {partner}")
-
-
-def refused_with(
-    options: argparse.Namespace, partner: str, names: Iterable[str]
-) -> None:
-    """Refuse options that do nothing beside another one, which is given.
-
-    Args: as `allowed_with`.
-
-    Raises:
-        SettingError: one of them is given.
-    """
-    for shown in _given(options, names):
-        raise SettingError(
-            f"{shown}: not allowed with {partner}; leave one of them out"
-        )
-
-
-def _given(options: argparse.Namespace, names: Iterable[str]) -> Iterator[str]:
-    """Yield the options that do not have their default, as the user writes them."""
     for name in names:
         if getattr(options, name) != options.parser.get_default(name):
-            yield f"--{name.replace('_', '-')}"
+            shown = f"--{name.replace('_', '-')}"
+            raise SettingError(f"{shown}: allowed with {partner} only; add {partner}")
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, str]:

@@ -15,8 +15,11 @@ from sparse_coord_ros.base.errors import EXIT_INTERRUPTED, BagError, RunError
 from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.evaluate import evaluation_of, result_of
-from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.cli.evaluate import (
+    evaluation_of,
+    facts_of_result,
+    result_can_wait,
+)
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
@@ -87,8 +90,9 @@ def _run(
 ) -> int:
     """Let one team learn; return the exit code."""
     from sparse_coord_ros.cli import live
+    from sparse_coord_ros.ros.nodes.outputs import is_finished
 
-    if options.resume is not None and _is_finished(out):
+    if options.resume is not None and is_finished(out):
         shared.note(f"{out}: the run is finished already")
         shared.tell(options, {"directory": out}, *_result(options, out))
         return 0
@@ -188,12 +192,6 @@ def _lines(
         yield from _result(options, out)
 
 
-def _is_finished(out: Path) -> bool:
-    """Return whether a run was finished, so that there is nothing to continue."""
-    left = (CHECKPOINTS, CHECKPOINT_FILE)
-    return (out / TEAM_FILE).exists() and not any((out / one).exists() for one in left)
-
-
 def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:
     """Evaluate the learned team of a finished run, unless nobody would read it."""
     from sparse_coord_ros.ros.nodes.outputs import add_result
@@ -202,11 +200,7 @@ def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:
     if run.greedy or options.watch or options.json:
         return
     tables = load_team(out, run.scenario, run.rule)
-    try:
+    with result_can_wait(out, "run"):
         measures = evaluation_of(run, tables, None)
-    except KeyboardInterrupt:
-        again = f"sparse_coord run --resume {out}"
-        shared.note(f"the run is finished and saved in {out}; its result: {again}")
-        raise
-    add_result(out, result_of(run.scenario, measures))
+    add_result(out, facts_of_result(run.scenario, measures))
     yield verdict_on(run.scenario, run.rule, measures).text

@@ -22,10 +22,9 @@ from sparse_coord_ros.cli.computing import Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import (
     Evaluated,
     evaluation_of,
+    facts_of_result,
+    result_can_wait,
     result_table,
-)
-from sparse_coord_ros.cli.evaluate import (
-    result_of as summary_of,
 )
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.core.engine.batch import (
@@ -51,7 +50,6 @@ from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.mind import rows_in
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, load_history
-from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.repeating import repeating_command
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.run_config import (
@@ -333,8 +331,9 @@ def _say(
     facts["advice"] = expected
     summary: dict[str, Any] = {}
     if trials != 0:
-        measures = _evaluated(options, out, run, done)
-        summary["result"] = summary_of(scenario, measures)
+        with result_can_wait(out, "train"):
+            measures = evaluation_of(run, done.tables, trials)
+        summary["result"] = facts_of_result(scenario, measures)
         word = verdict_on(scenario, run.rule, measures)
         summary["verdict"] = word.text
         optimum = known_optimum(scenario)
@@ -364,18 +363,6 @@ def _say(
         facts["evaluations"] = done.evaluations
         lines.append(f"on the way  {out / EVALUATIONS_FILE}")
     shared.tell(options, facts, *lines, *last_line)
-
-
-def _evaluated(
-    options: argparse.Namespace, out: Path, run: RunConfig, done: Training
-) -> Measures:
-    """Return what the learned team earns; an interrupt says how to come back to it."""
-    try:
-        return evaluation_of(run, done.tables, options.trials)
-    except KeyboardInterrupt:
-        again = f"sparse_coord train --resume {out}"
-        shared.note(f"the run is finished and saved in {out}; its result: {again}")
-        raise
 
 
 def tips(scenario: Scenario, done: Training) -> list[str]:

@@ -165,7 +165,7 @@ class LaunchedTeam:
         actions: the launch's actions.
 
     Raises:
-        SparseCoordError: a bad argument, an output directory that exists.
+        SparseCoordError: a bad argument, a bad parameter file.
     """
 
     def __init__(

@@ -120,9 +120,23 @@ def test_the_file_of_a_map_says_with_which_choices_the_page_opens(plan, folder):
     assert (chosen["cell"], chosen["start"]) == (0.5, [(0.5, 0.5)])
     assert (chosen["radius"], chosen["goal"]) == (RADIUS_AT_FIRST, [])
     assert opened("--cell", "1")["cell"] == 1.0
+    assert opened("--radius", "0")["radius"] == 0.0
     file.write_text(file.read_text().replace("0.5, start", "-1, start"))
     with pytest.raises(MapError, match=r"env1.yaml: field 'import_map': .*cell.*-1"):
         opened()
+
+
+def test_the_page_opens_with_a_map_of_movingai(folder):
+    (folder / "rooms.map").write_text(
+        "type octile\nheight 3\nwidth 4\nmap\n@@@@\n@..@\n@@@@\n"
+    )
+    words = ["import-map", "rooms.map", "--page", "--cell", "1"]
+    board = MessageBoard()
+    made = ImportPage(make_parser("import-map").parse_args(words), board)
+    threading.Thread(target=made.work, daemon=True).start()
+    wait_for(lambda: board.get("problem"))
+    assert board.get("problem")["text"] == ""
+    assert board.get("imported")["cells"] == 2
 
 
 class Counting(MessageBoard):

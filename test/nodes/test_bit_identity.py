@@ -152,7 +152,7 @@ def test_team_in_one_process(tmp_path, played, assert_same_tables, game):
 
 def percepts_in(bag, namespace, run):
     """Return the robots' published percepts: {(robot, step): own cell, and those of peers}."""
-    convert = messages_of(run)
+    messages = messages_of(run)
     found = {}
     topics = [
         f"/{namespace}/{robot}/percept".replace("//", "/")
@@ -161,9 +161,9 @@ def percepts_in(bag, namespace, run):
     with next(bag.glob("*.mcap")).open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages(topics=topics):
             path = deserialize_message(message.data, Path)
-            step = convert.step(path.header.stamp.sec, path.header.stamp.nanosec)
+            step = messages.step(path.header.stamp.sec, path.header.stamp.nanosec)
             places = [stamped.pose.position for stamped in path.poses]
-            cells = tuple(convert.cell(place.x, place.y) for place in places)
+            cells = tuple(messages.cell(place.x, place.y) for place in places)
             found[topics.index(channel.topic), step] = cells
     return found
 

@@ -318,15 +318,15 @@ def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
 
 def test_goals_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
-    convert = messages_of(run)
+    messages = messages_of(run)
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
-    assert read_goals(convert, goals_message(convert, goals)) == goals
+    assert read_goals(messages, goals_message(messages, goals)) == goals
     for reached in (
         GoalReport(0, 3, 5, True, 1.25, 0.0),
         GoalReport(0, 3, -1, False, 9.0, 0.0),
     ):
         assert (
-            read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
+            read_reached(messages, 0, reached_message(messages, 17, reached)) == reached
         )
 
 
@@ -479,12 +479,12 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     observer = bench.observer()
     observer.listen(Twist, "robot_1/cmd_vel")
     heard = observer.listen(JointState, "robot_1/reached")
-    convert = messages_of(world.run)
+    messages = messages_of(world.run)
     goals = Goals(1, 1, True, 0.0, (BodyGoal(0, 0, 0),))
     pose = PoseStamped()
     pose.header.frame_id = "map"
     pose.header.stamp.sec = 1
-    x, y = convert.centres[0]
+    x, y = messages.centres[0]
     pose.pose.position.x = x
     pose.pose.position.y = y
     pose.pose.orientation.w = 1.0
@@ -493,7 +493,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     driver.hear("run", run[0])
     driver.tick()
     driver.world_said(RunStatus(world.run.id, RunState.LEARNING, 1, 0))
-    driver.hear("goals", goals_message(convert, goals))
+    driver.hear("goals", goals_message(messages, goals))
     driver.hear("robot_1/pose", pose)
 
     def reported():

@@ -25,7 +25,6 @@ from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.core.runs.tables import load_saved, robot_file
 from sparse_coord_ros.protocol.wire.status import values_of
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.show.layouts import foxglove_layout
 
 SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
@@ -107,7 +106,6 @@ def team(module_bench, tmp_path_factory):
     seen.world = world
     seen.robots = robots
     seen.run = run_from_yaml(world.run.to_yaml(), where="here")
-    seen.convert = messages_of(seen.run)
     return seen
 
 

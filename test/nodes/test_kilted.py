@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from sparse_coord_ros.ros.nodes.environment import PROFILES, PROFILES_3
+
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 CHECKOUT = Path(__file__).parents[2]
 WHEELS = ("ros-kilted-rclpy[fastrtps]", "ros-kilted-common-interfaces")
@@ -24,7 +26,7 @@ def kilted(tmp_path_factory):
     python = folder / "bin" / "python"
     pip = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
     subprocess.run([*pip, *WHEELS, *needed], check=True)
-    others = ("FASTRTPS_DEFAULT_PROFILES_FILE", "PYTHONPATH")
+    others = (PROFILES, PROFILES_3, "PYTHONPATH")
     environment = {name: os.environ[name] for name in os.environ if name not in others}
     environment["PYTHONPATH"] = str(CHECKOUT)
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -54,7 +54,7 @@ from sparse_coord_ros.ros.nodes.scene import Scene
 
 
 @functools.cache
-def converter(name="env1", resolution=1.0):
+def messages_in(name="env1", resolution=1.0):
     scenario = load_scenario(name)
     metric = replace(scenario.map, resolution=resolution)
     return messages_of(make_run(replace(scenario, map=metric), {}))
@@ -62,17 +62,17 @@ def converter(name="env1", resolution=1.0):
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_every_cell_of_every_map_comes_back(name):
-    convert = converter(name, resolution=1 / 3)
-    for cell in range(len(convert.grid.cells)):
-        assert convert.unpack_state(convert.pack_state(9, cell)) == (9, cell)
+    messages = messages_in(name, resolution=1 / 3)
+    for cell in range(len(messages.grid.cells)):
+        assert messages.unpack_state(messages.pack_state(9, cell)) == (9, cell)
 
 
 def test_x_points_east_and_y_north():
-    convert = converter("env1", resolution=0.5)
-    rows, _ = convert.grid.shape
-    for cell, (row, column) in enumerate(convert.grid.cells):
-        message = deserialize_message(convert.pack_state(4, cell), PoseStamped)
-        assert message == cell_pose(convert, 4, cell)
+    messages = messages_in("env1", resolution=0.5)
+    rows, _ = messages.grid.shape
+    for cell, (row, column) in enumerate(messages.grid.cells):
+        message = deserialize_message(messages.pack_state(4, cell), PoseStamped)
+        assert message == cell_pose(messages, 4, cell)
         assert message.pose.position.x == (column + 0.5) * 0.5
         assert message.pose.position.y == (rows - 1 - row + 0.5) * 0.5
         assert message.header.frame_id == "map"
@@ -86,10 +86,10 @@ PARTS = st.lists(
 
 @given(parts=PARTS)
 def test_rewards_come_back(parts):
-    convert = messages_of(make_run(load_scenario("env1"), {}))
+    messages = messages_of(make_run(load_scenario("env1"), {}))
     reward = Reward(*parts, 2)
-    data = convert.pack_reward(12, reward)
-    assert convert.unpack_reward(data) == (12, reward)
+    data = messages.pack_reward(12, reward)
+    assert messages.unpack_reward(data) == (12, reward)
     assert list(deserialize_message(data, JointState).name) == list(REWARD.labels)
 
 
@@ -106,9 +106,9 @@ ACCOUNTS = st.builds(SelfReport, st.integers(0, 3), st.booleans())
 def test_actions_come_back(step, action, account):
     """Peers count from 1; only robots that have asked perceive."""
     assume(action.asked or not action.perceived)
-    convert = converter("env2-4r")
-    data = convert.pack_action(step, action, account)
-    assert convert.unpack_action(data) == (step, action, account)
+    messages = messages_in("env2-4r")
+    data = messages.pack_action(step, action, account)
+    assert messages.unpack_action(data) == (step, action, account)
     said = deserialize_message(data, JointState)
     numbers = dict(zip(said.name, said.position, strict=True))
     assert list(said.name) == list(ACTION.labels)
@@ -130,46 +130,46 @@ def test_progress_comes_back():
     assert read_progress(status("robot_1", "progress", said.values())) == said
 
 
-def grid_of(convert, data):
+def grid_of(messages, data):
     """Return an occupancy grid's values as the map's rows are written, the northmost first."""
     message = deserialize_message(data, OccupancyGrid)
     info = message.info
-    assert (info.height, info.width) == convert.grid.shape
-    assert info.resolution == convert.resolution and info.origin.orientation.w == 1.0
-    assert message.header == map_header(convert.stamp(3))
-    return np.flipud(np.array(message.data).reshape(convert.grid.shape))
+    assert (info.height, info.width) == messages.grid.shape
+    assert info.resolution == messages.resolution and info.origin.orientation.w == 1.0
+    assert message.header == map_header(messages.stamp(3))
+    return np.flipud(np.array(message.data).reshape(messages.grid.shape))
 
 
 def test_the_map_is_drawn_from_the_south():
-    convert = converter("env1", resolution=0.25)
-    values = grid_of(convert, convert.pack_map(3))
-    walls = np.array([[sign == "#" for sign in row] for row in convert.grid.rows])
+    messages = messages_in("env1", resolution=0.25)
+    values = grid_of(messages, messages.pack_map(3))
+    walls = np.array([[sign == "#" for sign in row] for row in messages.grid.rows])
     np.testing.assert_array_equal(values, 100 * walls)
 
 
 def test_the_coordination_map_shows_where_coordinate_is_best():
-    convert = converter("env1")
+    messages = messages_in("env1")
     tables = untrained(load_scenario("env1"))
     tables.q_star[:] = 0.0
     tables.q_star[:, 0] = 1.0
     tables.q_star[7, COORDINATE] = 2.0
-    asking = convert.asking_cells(tables.q_star)
-    values = grid_of(convert, convert.pack_coordination_map(3, asking))
-    assert np.argwhere(values == 100).tolist() == [list(convert.grid.cells[7])]
+    asking = messages.asking_cells(tables.q_star)
+    values = grid_of(messages, messages.pack_coordination_map(3, asking))
+    assert np.argwhere(values == 100).tolist() == [list(messages.grid.cells[7])]
     assert np.count_nonzero(values == -1) == sum(
-        r.count("#") for r in convert.grid.rows
+        r.count("#") for r in messages.grid.rows
     )
     tables = untrained(load_scenario("env1"), "noncoop")
-    asking = convert.asking_cells(tables.q_star)
-    assert 100 not in grid_of(convert, convert.pack_coordination_map(3, asking))
+    asking = messages.asking_cells(tables.q_star)
+    assert 100 not in grid_of(messages, messages.pack_coordination_map(3, asking))
 
 
 def test_markers_show_doorways_goals_and_robots():
     scenario = load_scenario("env2-4r")
-    convert = converter("env2-4r", resolution=2.0)
+    messages = messages_in("env2-4r", resolution=2.0)
     for step, cells in ((8, [3, 4, 5, 6]), (70_000, [7, 4, 0, 9])):
-        header = map_header(convert.stamp(step))
-        shown = Scene(convert, step, cells, header)
+        header = map_header(messages.stamp(step))
+        shown = Scene(messages, step, cells, header)
         array = shown.markers([robot.goal for robot in scenario.robots])
         robots = [m for m in shown.scene({}).markers if m.ns == "robots"]
         array.markers = [*array.markers, *robots]
@@ -177,7 +177,7 @@ def test_markers_show_doorways_goals_and_robots():
         for marker in array.markers:
             assert (marker.action, marker.header) == (Marker.ADD, header)
             position = marker.pose.position
-            by_kind.setdefault(marker.ns, {})[marker.id] = convert.cell(
+            by_kind.setdefault(marker.ns, {})[marker.id] = messages.cell(
                 position.x, position.y
             )
         assert set(by_kind["doorways"].values()) == scenario.map.doorways
@@ -245,7 +245,7 @@ def state(changes, **header):
     message = PoseStamped(header=header_of(**header))
     for name, value in changed(STATE, changes).items():
         setattr(message.pose.position, name, value)
-    return converter().unpack_state(serialize_message(message))
+    return messages_in().unpack_state(serialize_message(message))
 
 
 def labelled(numbers, header):
@@ -257,20 +257,20 @@ def labelled(numbers, header):
 
 def reward(changes, **header):
     numbers = changed(PAID, changes)
-    return converter().unpack_reward(labelled(numbers, header_of(**header)))
+    return messages_in().unpack_reward(labelled(numbers, header_of(**header)))
 
 
 def account(changes, **header):
     numbers = changed(ACTED, changes)
-    return converter().unpack_action(labelled(numbers, header_of(**header)))
+    return messages_in().unpack_action(labelled(numbers, header_of(**header)))
 
 
 def goals(changes, *, since=0.0):
-    convert = converter()
-    message = goals_message(convert, Goals(1, 2, True, since, (BodyGoal(0, 1, 1),)))
+    messages = messages_in()
+    message = goals_message(messages, Goals(1, 2, True, since, (BodyGoal(0, 1, 1),)))
     numbers = changed(dict(zip(message.name, message.position, strict=True)), changes)
     return read_goals(
-        convert,
+        messages,
         JointState(
             header=message.header,
             name=list(numbers),
@@ -280,11 +280,11 @@ def goals(changes, *, since=0.0):
 
 
 def reached(changes):
-    convert = converter()
-    message = reached_message(convert, 1, GoalReport(0, 3, 5, True, 1.25, 0.0))
+    messages = messages_in()
+    message = reached_message(messages, 1, GoalReport(0, 3, 5, True, 1.25, 0.0))
     for label, value in changes.items():
         message.position[list(message.name).index(label)] = value
-    return read_reached(convert, 0, message)
+    return read_reached(messages, 0, message)
 
 
 def command(changes):

@@ -5,11 +5,13 @@
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from patience import PATIENCE_SECONDS
 
 from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.share import share_folder
 from sparse_coord_ros.ros.nodes.environment import (
     PROFILES,
     RANGE,
@@ -78,6 +80,33 @@ def test_nodes_use_udp_unless_the_user_has_chosen_profiles(given, expected) -> N
     use_udp(variables)
     variables[PROFILES] = Path(variables[PROFILES]).name
     assert variables == expected
+
+
+def elements(name):
+    """Return the content of a file of profiles, without comments and spaces."""
+    return ElementTree.canonicalize(
+        from_file=share_folder("config") / name, strip_text=True
+    )
+
+
+NAMES_IN_3 = {
+    "heartbeat_period": "heartbeatPeriod",
+    "nack_response_delay": "nackResponseDelay",
+    "heartbeat_response_delay": "heartbeatResponseDelay",
+}
+ONLY_HERE = "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>"
+
+
+def test_the_four_files_of_profiles_say_the_same_but_for_what_they_are_for():
+    for where in ("", "_localhost"):
+        of_3 = elements(f"fastdds3{where}.xml")
+        for new, old in NAMES_IN_3.items():
+            of_3 = of_3.replace(new, old)
+        assert of_3 == elements(f"fastdds{where}.xml")
+    here = elements("fastdds_localhost.xml")
+    assert ONLY_HERE in here
+    here = here.replace(ONLY_HERE, "").replace("50000000", "10000000")
+    assert here == elements("fastdds.xml")
 
 
 @pytest.mark.parametrize("discovery_range", ["SUBNET", "LOCALHOST"])

@@ -165,8 +165,8 @@ def asked(node, side):
 
 def plan(step, *cells):
     """Return an answer: a peer is in these cells at a step."""
-    convert = messages_of(make_run(load_scenario("env1"), {}))
-    return GetPlan.Response(plan=cell_path(convert, step, cells))
+    messages = messages_of(make_run(load_scenario("env1"), {}))
+    return GetPlan.Response(plan=cell_path(messages, step, cells))
 
 
 def test_an_answer_that_does_not_fit_is_dropped_and_counted(node, side, asked):

@@ -66,4 +66,3 @@ def test_a_rate_that_cannot_be_kept_is_named(bench, monkeypatch, capfd):
     bench.world(rate=1e6)
     bench.robots()
     bench.spin_until(lambda: "rate 1e+06 cannot be kept: " in capfd.readouterr().err)
-    monkeypatch.undo()

@@ -15,6 +15,7 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.protocol.wire import Occasion, RunState
 from sparse_coord_ros.protocol.wire.status import (
+    LEFT,
     NO_ATTEMPT,
     Order,
     Progress,
@@ -168,20 +169,23 @@ def test_tables_are_written_when_the_bag_holds_everything_before_them(recording)
         tables(node, robot, 7, Occasion.CHECKPOINT, attempt="another")
         tables(node, robot, 7, Occasion.CHECKPOINT)
     assert node.told[-1] == Progress((0,), "first")
-    convert = messages_of(node.run)
+    messages = messages_of(node.run)
     for robot in robots:
-        data = convert.pack_state(7, node.run.scenario.robots[0].start)
+        data = messages.pack_state(7, node.run.scenario.robots[0].start)
         message = deserialize_message(data, ros_topics.LOCAL_STATE.type)
         node.hear(ros_topics.LOCAL_STATE.of(robot), message)
     node.tick()
     assert node.told[-1] == Progress((0, 7), "first", written=7)
+    tables(node, "robot_1", 9, Occasion.FINAL)
     node.finish(interrupted=False)
+    assert node.told[-1] == Progress((0, 7), "first", LEFT)
     bag = open_bag(node.directory)
     written = [
-        (one.topic, one.log_time_ns // convert.period)
+        (one.topic, one.log_time_ns // messages.period)
         for one in bag.messages()
         if one.topic.endswith("/tables")
     ]
     assert written == [
-        (f"/{robot}/tables", step) for step in (0, 7) for robot in robots
+        *((f"/{robot}/tables", step) for step in (0, 7) for robot in robots),
+        ("/robot_1/tables", 9),
     ]

@@ -26,12 +26,12 @@ NAMES = ("robot_1", "robot_2")
 @pytest.fixture
 def scene():
     run = make_run(load_scenario("env1"), {})
-    convert = messages_of(run)
-    return Anything(run=run, convert=convert)
+    messages = messages_of(run)
+    return Anything(run=run, messages=messages)
 
 
 def markers(scene, cells, actions=None, step=10):
-    shown = Scene(scene.convert, step, cells, map_header(scene.convert.stamp(step)))
+    shown = Scene(scene.messages, step, cells, map_header(scene.messages.stamp(step)))
     return {(one.ns, one.id): one for one in shown.scene(actions or {}).markers}
 
 
@@ -45,7 +45,7 @@ def test_names_hang_over_the_robots(scene):
     for k, cell in enumerate((0, 11)):
         one = found["names", k]
         assert (one.type, one.text) == (Marker.TEXT_VIEW_FACING, NAMES[k])
-        x, y = scene.convert.centres[cell]
+        x, y = scene.messages.centres[cell]
         assert one.pose.position.x == x and y < one.pose.position.y < y + 0.5
     stamps = {(m.header.frame_id, m.header.stamp.sec) for m in found.values()}
     assert stamps == {("map", 1)}
@@ -66,7 +66,7 @@ def test_a_question_is_a_line_to_the_peer_and_words(scene, percept, perceived, o
     words = found["words", 0]
     assert line.type == Marker.LINE_LIST and line.action == Marker.ADD
     ends = [(point.x, point.y) for point in line.points]
-    assert ends == [scene.convert.centres[9], scene.convert.centres[11]]
+    assert ends == [scene.messages.centres[9], scene.messages.centres[11]]
     colour = (line.color.r, line.color.g, line.color.b)
     assert colour == pytest.approx(rgb(OUTCOME_COLOURS[outcome]), abs=1e-6)
     assert words.text == f"asks robot_2: {outcome}"
@@ -83,11 +83,11 @@ def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     old = markers(scene, [9, 11], {0: asking(scene, wire.PerceptEnd.ANSWERED, step=3)})
     assert old["questions", 0].action == Marker.DELETE
     run = make_run(load_scenario("crowd-4r"), {})
-    convert = messages_of(run)
+    messages = messages_of(run)
     report = SelfReport(wire.PerceptEnd.ANSWERED, False)
     said = (4, Action(0, True, -1, True), report)
     found = (
-        Scene(convert, 5, [0, 1, 2, 3], map_header(convert.stamp(5)))
+        Scene(messages, 5, [0, 1, 2, 3], map_header(messages.stamp(5)))
         .scene({1: said})
         .markers
     )
@@ -103,7 +103,7 @@ def test_doorways_rise_with_the_robots_in_them(scene):
     ]
     assert boxes[0].scale.z < boxes[1].scale.z < boxes[2].scale.z
     assert boxes[0].color.a < boxes[1].color.a < boxes[2].color.a
-    assert boxes[0].pose.position.x == scene.convert.centres[door][0]
+    assert boxes[0].pose.position.x == scene.messages.centres[door][0]
     for box in boxes:
         assert math.isclose(box.pose.orientation.w, 1.0)
 
@@ -129,7 +129,7 @@ def test_transforms_are_published_where_tf2_is(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "tf2_msgs", package)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", module)
     seen = []
-    made = ScenePublisher(Node(), scene.run.scenario, scene.convert)
+    made = ScenePublisher(Node(), scene.run.scenario, scene.messages)
     for _ in range(50):
         made.publish(5, [0, 11], (1, 0))
     assert len(seen) < 5, "at most 30 a second"
@@ -142,12 +142,12 @@ def test_transforms_are_published_where_tf2_is(scene, monkeypatch):
     )
     assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 7)
     where = other.transform.translation
-    assert (where.x, where.y) == scene.convert.centres[
+    assert (where.x, where.y) == scene.messages.centres[
         11
     ] and other.transform.rotation.w == 1
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     published.clear()
-    ScenePublisher(Node(), scene.run.scenario, scene.convert).publish(
+    ScenePublisher(Node(), scene.run.scenario, scene.messages).publish(
         5, [0, 11], (1, 0)
     )
     assert not published

@@ -27,13 +27,13 @@ def heard_of(run):
     view = LiveView(run, MessageBoard(), source="live", title="", controls=())
 
     class Listening:
-        def listen(self, topic, then, owner, *, read, qos=None):
+        def listen(self, topic, then, owner, *, read):
             def unpack(data):
                 return (read(deserialize_message(data, topic.type)),)
 
             self.listen_packed(topic, unpack, then, owner)
 
-        def listen_packed(self, topic, unpack, then, owner, *, qos=None):
+        def listen_packed(self, topic, unpack, then, owner):
             takes[f"/{owner}/{topic.name}"] = lambda data: then(*unpack(data))
 
     return HeardTeam(SimpleNamespace(subscriber=Listening()), run, view), takes, view

@@ -119,6 +119,11 @@ class GridMap:
         """The cell number of each free (row, column)."""
         return {position: cell for cell, position in enumerate(self.cells)}
 
+    def cell_at(self, x: float, y: float) -> int | None:
+        """Return the free cell at a place in metres, or None."""
+        square = self.squares.at(x, y)
+        return None if square is None else self.number.get(square)
+
     @cached_property
     def doorways(self) -> frozenset[int]:
         """The cells that are doorways, by their numbers; a doorway may have several cells."""

@@ -3,7 +3,7 @@
 """Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -349,7 +349,7 @@ class Scenario:
         Raises:
             ScenarioError: there is no such robot or no such free cell, or no way to the goal.
         """
-        robots = {robot.name: places for robot, places in self._places()}
+        robots = self._places()
         for field_name, places in (("start", starts), ("goal", goals)):
             for name, place in (places or {}).items():
                 if name not in robots:
@@ -361,11 +361,16 @@ class Scenario:
         where = f"scenario {self.name}"
         return replace(self, robots=_robots(robots, self.map, where))
 
-    def _places(self) -> Iterator[tuple[Robot, dict[str, Any]]]:
-        """Yield each robot with its start and its goal, as [row, column]."""
-        for robot in self.robots:
-            start = list(self.map.cells[robot.start])
-            yield robot, {"start": start, "goal": list(self.map.cells[robot.goal])}
+    def _places(self) -> dict[str, dict[str, Any]]:
+        """Return the start and the goal of each robot by its name, as [row, column]."""
+        cells = self.map.cells
+        return {
+            robot.name: {
+                "start": list(cells[robot.start]),
+                "goal": list(cells[robot.goal]),
+            }
+            for robot in self.robots
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
@@ -373,7 +378,7 @@ class Scenario:
         return {
             "name": self.name,
             "map": {"name": self.map.name, "text": grid.to_text()},
-            "robots": {robot.name: places for robot, places in self._places()},
+            "robots": self._places(),
             **self.plain_settings,
         }
 
@@ -492,15 +497,19 @@ def _no_scenario(name: str, path: Path) -> str:
     if path.is_dir():
         return f"is a folder; {remedy}"
     if name in map_names():
-        return f"is a map; scenarios on it: {', '.join(scenarios_on(name)) or 'none'}"
+        found = ", ".join(scenarios_by_map().get(name, ["none"]))
+        return f"is a map; scenarios on it: {found}"
     known = scenario_names()
     hint = did_you_mean(name, known)
     return f"no such scenario{hint}; {remedy} or one of: {', '.join(known)}"
 
 
-def scenarios_on(name: str) -> list[str]:
-    """Return the names of the shipped scenarios on a shipped map."""
-    return [one for one in scenario_names() if load_scenario(one).map.name == name]
+def scenarios_by_map() -> dict[str, list[str]]:
+    """Return the names of the shipped scenarios on each shipped map that has some."""
+    found: dict[str, list[str]] = {}
+    for name in scenario_names():
+        found.setdefault(load_scenario(name).map.name, []).append(name)
+    return found
 
 
 def _refuse_map(text: str, path: Path) -> None:

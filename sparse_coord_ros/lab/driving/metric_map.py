@@ -12,7 +12,6 @@ from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import CLEAR, WALL
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.protocol.wire.messages import Messages
 
 RADIUS_SHARE = 0.15
 """Default radius of a body, as a share of a cell."""
@@ -48,7 +47,6 @@ class MetricMap:
     """
 
     def __init__(self, run: RunConfig, radius: float = 0.0) -> None:
-        self._messages = Messages(run)
         self.grid = run.scenario.map
         self.side = run.resolution
         self.radius = radius or self.grid.radius or RADIUS_SHARE * self.side
@@ -62,7 +60,7 @@ class MetricMap:
 
     def place(self, robot: int, cell: int) -> tuple[float, float]:
         """Return (x, y) of a robot's place in a free cell, in metres."""
-        x, y = self._messages.centres[cell]
+        x, y = self.grid.squares.centre(*self.grid.cells[cell])
         if cell in self.grid.doorways:
             return x, y
         east, north = QUADRANTS[robot % len(QUADRANTS)]
@@ -98,7 +96,7 @@ class MetricMap:
 
         None: no such cell.
         """
-        cell = self._messages.cell(x, y)
+        cell = self.grid.cell_at(x, y)
         if cell is not None or not (math.isfinite(x) and math.isfinite(y)):
             return cell
         far = np.hypot(self._centres[:, 0] - x, self._centres[:, 1] - y)
@@ -107,7 +105,7 @@ class MetricMap:
 
     def inside(self, cell: int, x: float, y: float) -> bool:
         """Return whether a place lies in the square of a free cell."""
-        return self._messages.cell(x, y) == cell
+        return self.grid.cell_at(x, y) == cell
 
     def blocked(self, x: float, y: float) -> bool:
         """Return whether a body there would touch a wall, or the space outside the map."""
@@ -146,8 +144,8 @@ class MetricMap:
 
     def in_doorway(self, x: float, y: float) -> bool:
         """Return whether a place lies in a doorway."""
-        return self._messages.cell(x, y) in self.grid.doorways
+        return self.grid.cell_at(x, y) in self.grid.doorways
 
     @cached_property
     def _centres(self) -> np.ndarray:
-        return np.array(self._messages.centres)
+        return np.column_stack(self.grid.squares.centre(*self.grid.places.T))

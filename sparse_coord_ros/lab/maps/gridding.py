@@ -9,6 +9,7 @@ also checked.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -298,13 +299,7 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
         wall = np.pad(~view, 1, constant_values=True)
         # walls north and south: passed east
         between = view & wall[:-2, 1:-1] & wall[2:, 1:-1]
-        edges = np.diff(np.pad(between, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        begins = np.argwhere(edges == 1)
-        ends = np.argwhere(edges == -1)
-        columns = view.shape[1]
-        for (row, begin), (_, end) in zip(begins.tolist(), ends.tolist(), strict=True):
-            if end - begin > longest or begin == 0 or end == columns:
-                continue
+        for row, begin, end in _short_runs(between, longest):
             if all(
                 _leads_on(view, row, column, (begin, end))
                 for column in (begin - 1, end)
@@ -312,6 +307,19 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
                 number += 1
                 target[row, begin:end] = number
     return doors
+
+
+def _short_runs(cells: np.ndarray, longest: int) -> Iterator[tuple[int, int, int]]:
+    """Yield row, first column, and the column behind it, of each run of cells along a row.
+
+    Runs of more than `longest` cells, and those at the edge of the grid, are left out.
+    """
+    edges = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    begins = np.argwhere(edges == 1)
+    ends = np.argwhere(edges == -1)
+    for (row, begin), (_, end) in zip(begins.tolist(), ends.tolist(), strict=True):
+        if end - begin <= longest and begin > 0 and end < cells.shape[1]:
+            yield row, begin, end
 
 
 def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
@@ -338,13 +346,8 @@ def _passed_east(rooms: np.ndarray, longest: int) -> list[tuple[int, int]]:
     walled = np.pad(rooms, ((1, 2), (0, 0)))
     pair = walled[1:-2] & walled[2:-1] & ~walled[:-3] & ~walled[3:]
     spacious = ndimage.binary_opening(rooms, np.ones((3, 3)))
-    edges = np.diff(np.pad(pair, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    begins = np.argwhere(edges == 1)
-    ends = np.argwhere(edges == -1)
     found = []
-    for (row, begin), (_, end) in zip(begins.tolist(), ends.tolist(), strict=True):
-        if end - begin > longest or begin == 0 or end == rooms.shape[1]:
-            continue
+    for row, begin, end in _short_runs(pair, longest):
         both = slice(row, row + 2)
         beyond = (begin - 1, end)
         opens = all(rooms[both, column].all() for column in beyond)

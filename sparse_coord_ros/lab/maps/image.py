@@ -128,8 +128,7 @@ def read_floor_plan(path: Path) -> FloorPlan:
     if is_picture(path):
         _check_exists(path)
         raise MapError(_yaml_wanted(path))
-    text = read_text(path, MapError, "give the YAML file")
-    said = parse_yaml(text, where=str(path), error=MapError)
+    said = fields_of(path)
     if "robots" in said and "image" not in said:
         remedy = f"let a team learn on it: sparse_coord train {path}"
         raise MapError(
@@ -154,6 +153,18 @@ def read_floor_plan(path: Path) -> FloorPlan:
     origin = pose_of(said.get("origin", [0.0, 0.0]), f"{path}: field 'origin'")
     image = path.parent / data["image"]
     return _floor_plan(path, image, data["resolution"], origin, reading)
+
+
+def fields_of(path: Path) -> dict[str, Any]:
+    """Return the fields of a map's YAML file; a map of MovingAI has none.
+
+    Raises:
+        MapError: it cannot be read, or is no mapping.
+    """
+    if path.suffix == OCTILE:
+        return {}
+    text = read_text(path, MapError, "give the YAML file")
+    return parse_yaml(text, where=str(path), error=MapError)
 
 
 def _mode(value: object) -> str:

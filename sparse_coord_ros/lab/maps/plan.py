@@ -166,26 +166,7 @@ def import_map(
     if corridors:
         found = np.where(narrow > 0, across.max() + narrow, across)
     doors = _doorways(frame, found, doorway, no_doorway)
-    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))
-    # Nothing but walls around the map is of use: a border of one cell stays.
-    rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
-    top = max(0, rows[0] - 1)
-    bottom = min(free.shape[0], rows[-1] + 2)
-    left = max(0, columns[0] - 1)
-    right = min(free.shape[1], columns[-1] + 2)
-    corner = squares.corner.absolute(left * cell, (free.shape[0] - bottom) * cell)
-    grid = GridMap(
-        name=plan.name,
-        rows=tuple("".join(row) for row in symbols[top:bottom, left:right]),
-        title=f"{plan.name}: a floor plan in cells of {cell:g} m",
-        source=str(plan.path.resolve()),
-        provenance=f"made by import-map for robots of radius {radius:g} m",
-        resolution=cell,
-        origin=Pose(
-            round(float(corner[0]), 6), round(float(corner[1]), 6), squares.corner.yaw
-        ),
-        radius=radius,
-    )
+    grid = _grid_of(plan, squares, free, doors, radius)
     parts = tuple(
         sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True)
     )
@@ -229,6 +210,35 @@ def _squares_of(plan: FloorPlan, layout: gridding.Gridding, cell: float) -> Squa
     return Squares(Pose(*corner, plan.origin.yaw), cell, rows)
 
 
+def _grid_of(
+    plan: FloorPlan,
+    squares: Squares,
+    free: np.ndarray,
+    doors: np.ndarray,
+    radius: float,
+) -> GridMap:
+    """Return free cells and doorways as a map, without what is walls alone around them."""
+    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))
+    # Nothing but walls around the map is of use: a border of one cell stays.
+    rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
+    top = max(0, rows[0] - 1)
+    bottom = min(free.shape[0], rows[-1] + 2)
+    left = max(0, columns[0] - 1)
+    right = min(free.shape[1], columns[-1] + 2)
+    cell = squares.side
+    x, y = squares.corner.absolute(left * cell, (free.shape[0] - bottom) * cell)
+    return GridMap(
+        name=plan.name,
+        rows=tuple("".join(row) for row in symbols[top:bottom, left:right]),
+        title=f"{plan.name}: a floor plan in cells of {cell:g} m",
+        source=str(plan.path.resolve()),
+        provenance=f"made by import-map for robots of radius {radius:g} m",
+        resolution=cell,
+        origin=Pose(round(float(x), 6), round(float(y), 6), squares.corner.yaw),
+        radius=radius,
+    )
+
+
 def _widest(plan: FloorPlan) -> float:
     """Return the metres from the place that is furthest from walls to the nearest wall."""
     widest = float(ndimage.distance_transform_edt(plan.free).max()) * plan.resolution
@@ -248,41 +258,24 @@ def _middles(frame: "_Frame", narrow: np.ndarray) -> tuple[Place, ...]:
     return tuple(middles)
 
 
-def _problem_of(plan: FloorPlan, layout: gridding.Gridding | None, cell: float) -> str:
-    """Return why cells of a size are of no use on a floor plan; empty: they are of use.
-
-    Args:
-        plan: the floor plan.
-        layout: the best grid of such cells; None: it would have too many.
-        cell: their side, in metres.
-    """
+def _tried_layout(
+    plan: FloorPlan, space: gridding.Space, cell: float
+) -> tuple[gridding.Gridding | None, str]:
+    """Return the best grid of cells of a size; None and why, if such cells are of no use."""
     if cell < plan.resolution:
-        return f"are smaller than a pixel of the map, {plan.resolution:g} m"
-    if layout is None:
-        count = _square_count(plan, cell)
-        return f"make {count:,.0f} squares, allowed: up to {MOST_CELLS:,}"
+        return None, f"are smaller than a pixel of the map, {plan.resolution:g} m"
+    count = plan.free.size * (plan.resolution / cell) ** 2
+    if count > MOST_CELLS:
+        return None, f"make {count:,.0f} squares, allowed: up to {MOST_CELLS:,}"
+    layout = gridding.best_layout(space, cell / plan.resolution)
     if layout.slips:
-        return (
+        return None, (
             "are so large that a wall disappears between two "
             f"({_count(layout.slips, 'time', 'times')}, wherever the grid lies)"
         )
     if not layout.free.any():
-        return "have no free centre"
-    return ""
-
-
-def _square_count(plan: FloorPlan, cell: float) -> float:
-    return plan.free.size * (plan.resolution / cell) ** 2
-
-
-def _tried_layout(
-    plan: FloorPlan, space: gridding.Space, cell: float
-) -> tuple[gridding.Gridding | None, str]:
-    """Return the best grid of cells of a size, and why it is of no use, as of `_problem_of`."""
-    layout = None
-    if cell >= plan.resolution and _square_count(plan, cell) <= MOST_CELLS:
-        layout = gridding.best_layout(space, cell / plan.resolution)
-    return layout, _problem_of(plan, layout, cell)
+        return None, "have no free centre"
+    return layout, ""
 
 
 def _layout_of(
@@ -290,10 +283,10 @@ def _layout_of(
 ) -> gridding.Gridding:
     """Return the best grid of cells of a size; MapError names another size if it is of no use."""
     layout, problem = _tried_layout(plan, space, cell)
-    if layout is not None and not problem:
+    if layout is not None:
         return layout
     sizes = _sizes(plan, cell)
-    works = next((one for one in sizes if not _tried_layout(plan, space, one)[1]), None)
+    works = next((one for one in sizes if _tried_layout(plan, space, one)[0]), None)
     remedy = f"cells of {works:g} m work" if works else _no_size(sizes)
     raise MapError(f"map {plan.name}: cells of {cell:g} m {problem}; {remedy}")
 
@@ -315,8 +308,8 @@ def _chosen_layout(
     for number, size in enumerate(sizes):
         if found and number >= NEAR_SIZES:
             break
-        layout, problem = _tried_layout(plan, space, size)
-        if layout is not None and not problem:
+        layout, _ = _tried_layout(plan, space, size)
+        if layout is not None:
             found.append((size, layout))
     if not found:
         raise MapError(f"map {plan.name}: {_no_size(sizes)}")
@@ -477,7 +470,7 @@ def _frame_of(grid: GridMap) -> _Frame:
 
 def centre_of(grid: GridMap, cell: int) -> Place:
     """Return (x, y) of the middle of a cell, by its number, in metres."""
-    return _frame_of(grid).centre(grid.cells[cell])
+    return grid.squares.centre(*grid.cells[cell])
 
 
 def _robot_cells(

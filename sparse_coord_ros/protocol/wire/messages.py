@@ -331,10 +331,7 @@ class Messages:
     def cell(self, x: float, y: float) -> int | None:
         """Return the free cell at a position in metres, or None."""
         cell = self._cells.get((x, y))
-        if cell is None:
-            square = self.grid.squares.at(x, y)
-            cell = None if square is None else self.grid.number.get(square)
-        return cell
+        return self.grid.cell_at(x, y) if cell is None else cell
 
     def _decoded(
         self, topic: wire.Topic, form: MessageForm, data: bytes

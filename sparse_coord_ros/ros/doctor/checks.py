@@ -17,6 +17,7 @@ from sparse_coord_ros.ros.nodes.environment import (
     DOMAIN,
     PEERS,
     PROFILES,
+    PROFILES_3,
     RANGE,
     ros_domain,
 )
@@ -33,7 +34,7 @@ RANGES = {
 }
 """The ranges in which nodes find each other."""
 
-ALSO = ("ROS_LOCALHOST_ONLY", PEERS, "ROS_DISCOVERY_SERVER", PROFILES)
+ALSO = ("ROS_LOCALHOST_ONLY", PEERS, "ROS_DISCOVERY_SERVER", PROFILES, PROFILES_3)
 """Further variables that decide which nodes hear each other."""
 
 

@@ -20,7 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.ros.doctor.checks import FINE, HINT, WRONG, Finding
-from sparse_coord_ros.ros.nodes.environment import PEERS, PROFILES, RANGE, SECURITY
+from sparse_coord_ros.ros.nodes.environment import (
+    PEERS,
+    PROFILES,
+    PROFILES_3,
+    RANGE,
+    SECURITY,
+)
 
 SECONDS = 8.0
 """How long the asker waits for an answer."""
@@ -34,7 +40,10 @@ GRACE_SECONDS = 5.0
 TESTED_MIDDLEWARE = "rmw_fastrtps_cpp"
 """The middleware that this package is tested with."""
 
-SUSPECTS = ("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER", PROFILES)
+SUSPECTS = (
+    *("RMW_IMPLEMENTATION", SECURITY, "ROS_DISCOVERY_SERVER"),
+    *(PROFILES, PROFILES_3),
+)
 """Variables whose wrong values prevent ROS from starting, or nodes from connecting."""
 
 
@@ -77,8 +86,8 @@ def _connected(said: Mapping[str, Any]) -> Finding:
     if not said["shared_memory"]:
         return Finding(FINE, "round trip", text)
     remedy = (
-        f"unset {PROFILES} and {PEERS}, so that nodes use UDP: with shared memory one process "
-        "that stands still slows all"
+        f"unset {PROFILES}, {PROFILES_3} and {PEERS}, so that nodes use UDP: with shared memory "
+        "one process that stands still slows all"
     )
     return Finding(HINT, "round trip", text, remedy)
 

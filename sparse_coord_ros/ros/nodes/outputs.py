@@ -109,6 +109,12 @@ def holds_run(out: str) -> bool:
     return bool(out) and (Path(out) / RUN_FILE).exists()
 
 
+def is_finished(out: Path) -> bool:
+    """Return whether a run was finished, so that there is nothing to continue."""
+    left = (CHECKPOINTS, CHECKPOINT_FILE)
+    return (out / TEAM_FILE).exists() and not any((out / one).exists() for one in left)
+
+
 def run_of(values: Mapping[str, Any]) -> RunConfig:
     """Return a world's run: the one in its output directory, or else a new one.
 
@@ -128,7 +134,7 @@ def run_of(values: Mapping[str, Any]) -> RunConfig:
         raise RunError(
             f"{out}: holds a run of train; continue with: sparse_coord train --resume {out}"
         )
-    if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
+    if is_finished(out):
         raise RunError(f"{out}: the run is finished, there is nothing to continue")
     run.check_code()
     if values["scenario"]:

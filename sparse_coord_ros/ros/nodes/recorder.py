@@ -170,8 +170,7 @@ class Recording:
         """
         if not self._tables or not self._open:
             return
-        names = self.run.scenario.names
-        heard_ns = min(self._state_ns.get(name, 0) for name in names)
+        heard_ns = self._heard_ns
         due: list[RobotTables] = []
         waiting: list[RobotTables] = []
         for one in self._tables:
@@ -186,11 +185,13 @@ class Recording:
             self._write_down(one)
         if due:
             self.flush()
-            self._note_checkpoints()
 
     def end(self) -> None:
-        """Write the last tables; no further messages come."""
-        self._write_tables(ending=True)
+        """Write the last tables, and tell the world that this recorder records no more."""
+        try:
+            self._write_tables(ending=True)
+        finally:
+            self._node.say_progress(self.attempt, LEFT)
 
     def _write_down(self, one: RobotTables) -> None:
         """Write a robot's tables, those of a time step only once."""
@@ -205,14 +206,11 @@ class Recording:
         self.bag.write(channel, one.data, at, at)
 
     def _note_checkpoints(self) -> None:
-        """Tell the world the time steps with the tables of all robots that have any."""
+        """Note the time steps with the tables of all robots that have any."""
         known = self._node.checkpoints
         everyone = self._written.get(self._order.checkpoint)
         steps = [step for step, robots in self._written.items() if robots == everyone]
-        new = sorted(step for step in steps if step > known[-1])
-        if new:
-            known += new
-            self._node.say_progress(self.attempt)
+        known += sorted(step for step in steps if step > known[-1])
 
     def _later(self, at: int, name: str) -> int:
         """Advance to a message's time and return it; outside the run's time, the newest stamp."""
@@ -229,11 +227,12 @@ class Recording:
         return at
 
     def flush(self) -> None:
-        """Write all recorded messages out, so that they survive this process."""
+        """Write all recorded messages out, so that they survive this process; tell the world."""
         self._steps = 0
         self._flushed = time.monotonic()
         self.bag.flush()
         if self._open:
+            self._note_checkpoints()
             self._node.say_progress(self.attempt)
         # the directory is gone: the bag's own error says so
         with contextlib.suppress(OSError):
@@ -245,11 +244,14 @@ class Recording:
                 )
 
     @property
+    def _heard_ns(self) -> int:
+        """The time up to which the local states of all robots have come."""
+        return min(self._state_ns.get(name, 0) for name in self.run.scenario.names)
+
+    @property
     def written(self) -> int:
         """The time step up to which the bag holds everything, as of the last flush."""
-        states = [self._state_ns.get(name, 0) for name in self.run.scenario.names]
-        first = self._order.checkpoint
-        return max(first, min(states) // self.messages.period)
+        return max(self._order.checkpoint, self._heard_ns // self.messages.period)
 
     # Its sources.
 
@@ -548,7 +550,6 @@ class Recorder(Follower):
         if self.recording is None or self.error is not None or self.failure is not None:
             return
         bag = self.recording.bag
-        self.say_progress(self.recording.attempt, LEFT)
         try:
             self.recording.end()
             bag.close()

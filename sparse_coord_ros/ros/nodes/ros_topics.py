@@ -80,7 +80,7 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
 
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
-    """Return the QoS profile of a reader that may lag: a recorder or a page."""
+    """Return the QoS profile of a recorder, which may lag."""
     return QoSProfile(depth=RECORDED_DEPTH, durability=topic.qos.durability)
 
 

@@ -412,8 +412,7 @@ class HeardTeam:
         for k, robot in enumerate(run.scenario.robots):
             for topic, unpack, then in steps:
                 heard = node.subscriber.listen_packed(
-                    *(topic, unpack, functools.partial(then, k), robot.name),
-                    qos=ros_topics.recorder_qos(topic),
+                    topic, unpack, functools.partial(then, k), robot.name
                 )
                 self._subscriptions.append(heard)
             heard = node.subscriber.listen(

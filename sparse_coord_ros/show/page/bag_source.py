@@ -575,7 +575,8 @@ class BagSource(controls.Played):
             with leaving_out(
                 "their value", lambda said: self.board.put("notice", text=said)
             ):
-                value = messages.evaluation_fields(self.run, tables, step)
+                measures = messages.measured(self.run, tables)
+                value = messages.evaluation_fields(self.run, tables, measures, step)
                 self.board.put("evaluation", **value)
 
 

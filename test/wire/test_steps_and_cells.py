@@ -35,11 +35,11 @@ def with_cells_of(name, resolution):
 @given(st.floats(0.05, 10.0), st.data())
 def test_cells_come_back(resolution, data):
     """From anywhere in their squares."""
-    frame = Messages(with_cells_of("cmu", resolution))
-    cell = data.draw(st.integers(0, len(frame.centres) - 1))
-    x, y = frame.centres[cell]
+    messages = Messages(with_cells_of("cmu", resolution))
+    cell = data.draw(st.integers(0, len(messages.centres) - 1))
+    x, y = messages.centres[cell]
     off = [resolution * data.draw(st.floats(-0.49, 0.49)) for _ in range(2)]
-    assert frame.cell(x, y) == frame.cell(x + off[0], y + off[1]) == cell
+    assert messages.cell(x, y) == messages.cell(x + off[0], y + off[1]) == cell
 
 
 @pytest.mark.parametrize("resolution", [0.1, 1.0])
@@ -55,15 +55,15 @@ def test_cells_come_back(resolution, data):
     ],
 )
 def test_elsewhere_is_no_cell(place, resolution):
-    frame = Messages(with_cells_of("env1", resolution))
-    assert frame.cell(*place) is None
+    messages = Messages(with_cells_of("env1", resolution))
+    assert messages.cell(*place) is None
 
 
 @given(st.integers(0, 9_999_999))
 def test_steps_come_back(step):
-    frame = Messages(make_run(scenario("env1"), {}))
-    sec, nanosec = frame.stamp(step)
-    assert frame.step(sec, nanosec) == step
+    messages = Messages(make_run(scenario("env1"), {}))
+    sec, nanosec = messages.stamp(step)
+    assert messages.step(sec, nanosec) == step
     assert 0 <= nanosec < 1_000_000_000
 
 

@@ -102,10 +102,10 @@ def test_who_learns_from_the_states_of_its_peers_listens_to_them(begun):
     node = begun(peers_seen="while_learning")
     side = node.lockstep
     side.agent.mind.q_star[side.agent.number, :, COORDINATE] = -1e6
-    convert = messages_of(node.run)
-    node.hear(STATES, cell_pose(convert, 1, 3))
+    messages = messages_of(node.run)
+    node.hear(STATES, cell_pose(messages, 1, 3))
     assert side.self_report_of(1) is None, "it has not acted"
-    node.hear(PEERS_STATES, cell_pose(convert, 1, 5))
+    node.hear(PEERS_STATES, cell_pose(messages, 1, 5))
     assert side.self_report_of(1) is not None
 
 
