@@ -27,7 +27,6 @@ from sparse_coord_ros.log.bags.metadata import (
 )
 from sparse_coord_ros.log.bags.reader import continued, open_bag
 from sparse_coord_ros.log.bags.writer import DEFAULT_CHUNK_SIZE
-from sparse_coord_ros.protocol.lockstep.bodies import BodyWorld
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import MAP
@@ -65,8 +64,6 @@ class Recording:
         stop: transitions after which someone stops the run; None: nobody.
         finish: whether the recorder closes the bag.
         chunk: bytes of a chunk; None: the writer's.
-        failing: (robot, step) of moves after which a body is somewhere else.
-        patient: whether robots that wait for an answer as the run is stopped do not act.
     """
 
     def __init__(
@@ -81,9 +78,7 @@ class Recording:
         resets=(),
         stop=None,
         finish=True,
-        patient=False,
         chunk=None,
-        failing=(),
     ):
         self.bag = BagWriter(
             directory, **({} if chunk is None else {"chunk_size": chunk})
@@ -94,8 +89,6 @@ class Recording:
         self.lost = set(lost)
         self.deaf = set(deaf)
         self.resets = set(resets)
-        self.patient = patient
-        self.failing = set(failing)
         self.late = set(late)
         self.held = {}
         self.lost_now = []
@@ -105,10 +98,7 @@ class Recording:
         self.tables = {}
         self.bag.add_metadata("sparse_coord_ros", run.record())
         write_run(self.bag, run)
-        game = (
-            BodyWorld(run.scenario, run.seed, slips=run.slips) if run.bodies else None
-        )
-        self.world = WorldSide(run, self, game)
+        self.world = WorldSide(run, self)
         begin = [None] * len(self.names)
         if tables is not None:
             scenario = run.scenario
@@ -156,15 +146,13 @@ class Recording:
             while self.queue:
                 self.queue.popleft()()
             if self.world.finished or self.world.world.transitions == stop:
-                for robot in () if self.patient else self.robots:
+                for robot in self.robots:
                     robot.expire()
                 return
             if self.world.world.transitions in self.resets:
                 self.resets.discard(self.world.world.transitions)
                 self.world.new_episode()
             elif self.world.complete:
-                if self.run.bodies:
-                    self.drive()
                 self.world.advance()
                 if self.world.world.transitions % STATUS_STEPS == 0:
                     self.say("learning")
@@ -186,18 +174,6 @@ class Recording:
                     self.deaf.clear()
                     self.late.clear()
                     self.world.repeat()
-
-    def drive(self):
-        """Let the bodies move: each is then where it is to be, or where a failing one stops."""
-        game = self.world.world
-        game.there = list(game.cells)
-        told = game.told(self.world.actions)
-        for k, action in enumerate(self.world.actions):
-            if action is not None and not game.arrived[k]:
-                there = told[k]
-                if (k, game.step) in self.failing:
-                    there = int(game.scenario.map.next_cell[there, game.step % 4])
-                game.there[k] = there
 
     def write(self, topic, type_name, data, step=None):
         """Record a message."""
@@ -348,25 +324,15 @@ def content(bag):
     return source, tuple(source.messages())
 
 
-def rewritten(
-    bag,
-    directory,
-    change=lambda messages: messages,
-    *,
-    gap=(None, 0),
-    chunk_size=DEFAULT_CHUNK_SIZE,
-):
-    """Write a bag anew, changed, with all checksums right, in one file without `metadata.yaml`.
-
-    The message `gap` (topic, number) is cut out of the file.
-    """
+def rewritten(bag, directory, change=lambda messages: messages):
+    """Write a bag anew, changed, with all checksums right, in one file without `metadata.yaml`."""
     shutil.rmtree(directory, ignore_errors=True)
     directory.mkdir(parents=True)
     source, messages = content(bag)
     with (directory / f"{directory.name}_0.mcap").open("wb") as stream:
         new = Writer(
             stream,
-            chunk_size=chunk_size,
+            chunk_size=DEFAULT_CHUNK_SIZE,
             compression=CompressionType.NONE,
             enable_data_crcs=True,
         )
@@ -379,11 +345,8 @@ def rewritten(
         for one in change(list(messages)):
             number = numbers[one.topic]
             numbers[one.topic] += 1
-            if (one.topic, number) != gap:
-                times = one.log_time_ns, one.publish_time_ns
-                new.add_message(
-                    channels[one.topic], times[0], one.data, times[1], number
-                )
+            times = one.log_time_ns, one.publish_time_ns
+            new.add_message(channels[one.topic], times[0], one.data, times[1], number)
         new.finish()
     return directory
 
@@ -410,14 +373,11 @@ def copied(writer, source, messages, *, prefix=""):
         )
 
 
-def rolled_back(
-    run, directory, step, *, after, missed=0, again=None, killed=False, late=()
-):
+def rolled_back(run, directory, step, *, after, missed=0, killed=False, late=()):
     """Write a bag of two files: so many steps after a checkpoint the team went back to it.
 
-    The recorder that writes the second file misses the first steps if it is told to. The world
-    says the states of the time step `again` twice. Of
-    `late` topics the first file lacks the last two steps. `killed` leaves it unfinished.
+    The recorder that writes the second file misses the first steps if it is told to. Of `late`
+    topics the first file lacks the last two steps. `killed` leaves it unfinished.
     """
     bag = open_bag(run.bag)
     period = run.run.step_period * 1e9
@@ -454,10 +414,6 @@ def rolled_back(
             for m in bag.messages()
             if m.log_time_ns >= (step + missed) * period and m not in tables
         ]
-        states = [one for one in messages if one.topic.endswith("/local_state")]
-        for one in states if again else ():
-            if one.log_time_ns == again * period:
-                messages.insert(messages.index(one) + 1, one)
         copied(writer, bag, messages)
     return directory
 
@@ -486,15 +442,13 @@ def with_tables(message, number, change):
     return message._replace(data=serialize_message(new))
 
 
-def recorded(
-    directory, name="env1", settings=None, *, values=None, identity="", **options
-):
+def recorded(directory, name="env1", settings=None, *, values=None, **options):
     """Record a run in which robots often ask; return its bag, run, protocols and robots' names."""
     scenario = load_scenario(name).with_settings(
         {"steps": 400, **OFTEN, **(settings or {})}
     )
     run = make_run(scenario, {"seed": 7, "checkpoint": 150, **(values or {})})
-    run = replace(run, id=identity)
+    run = replace(run, id="")
     recording = Recording(directory / "bag", run, **options)
     return SimpleNamespace(
         bag=directory / "bag", run=run, recording=recording, names=recording.names

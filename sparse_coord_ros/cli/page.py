@@ -107,11 +107,12 @@ def one_by_one(
 
 def show_end(board: MessageBoard, out: Path) -> None:
     """Show the learned policy of a finished run."""
-    from sparse_coord_ros.show.page.messages import put_end
+    from sparse_coord_ros.show.page.messages import measured, put_end
 
     try:
         run = load_run(out)
-        put_end(board, run, load_team(out, run.scenario, run.rule))
+        tables = load_team(out, run.scenario, run.rule)
+        put_end(board, run, tables, measured(run, tables))
     except SparseCoordError as error:
         board.put("notice", text=str(error))
 

@@ -30,6 +30,15 @@ LABELS = {
 }
 """What the vertical axis of each measure is called."""
 
+CURVE_LABELS = {
+    "returns": "return of a robot",
+    "length": "steps of an episode",
+    "miscoordinations": "miscoordinations\nof an episode",
+    "asks": "questions of a robot\nin an episode",
+    "arrived": "share of the robots\nthat arrive",
+}
+"""What the vertical axis of each learning curve is called."""
+
 LOGARITHMIC = {"penalty", "steps", "loss", "variance"}
 """Settings and measures with a logarithmic axis in every figure. All others have a linear one."""
 

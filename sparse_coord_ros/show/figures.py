@@ -3,7 +3,7 @@
 """Pictures of runs: greedy moves with questions, learning curves."""
 
 import html
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
 from sparse_coord_ros.base.palette import LINE_COLOURS, robot_colour
 from sparse_coord_ros.core.game.actions import DIRECTIONS
-from sparse_coord_ros.show.charts import embedded
+from sparse_coord_ros.show.charts import CURVE_LABELS, embedded
 from sparse_coord_ros.show.map_pictures import draw_map
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import OpenedRun
@@ -64,12 +64,8 @@ LINES = (
 )
 """What tells lines apart beside colour."""
 
-CURVES: Mapping[str, str] = {
-    "length": "steps of an episode",
-    "miscoordinations": "miscoordinations\nof an episode",
-    "asks": "questions of a robot\nin an episode",
-}
-"""The learning curves, and the labels of their axes."""
+CURVES = ("length", "miscoordinations", "asks")
+"""The learning curves."""
 
 WHATS = ("policy", "curves")
 """The figures of a run."""
@@ -237,30 +233,21 @@ def _width(line: Iterable[Panel]) -> float:
 # Maps.
 
 
-def _map_panel(
-    shown: OpenedRun, longest: float, draw: Callable[[Axes], None], below: float = 0.0
-) -> Panel:
-    _, height = _map_size(shown, longest)
-    return Panel(_panel_width(shown, longest), height + 0.6 + below, draw)
-
-
-def _panel_width(shown: OpenedRun, longest: float) -> float:
-    width, _ = _map_size(shown, longest)
+def _panel_width(shown: OpenedRun) -> float:
+    width, _ = _map_size(shown)
     return max(LEAST_PANEL_WIDTH, width + 0.3)
 
 
-def _put_title(
-    shown: OpenedRun, longest: float, title: str, points: int, axes: Axes
-) -> None:
+def _put_title(shown: OpenedRun, title: str, axes: Axes) -> None:
     """Set the title of a map, in lines that fit into its panel."""
-    letters = int(_panel_width(shown, longest) * LETTERS / points)
-    axes.set_title(fill(title, letters), fontsize=points)
+    letters = int(_panel_width(shown) * LETTERS / TITLE_SIZE)
+    axes.set_title(fill(title, letters), fontsize=TITLE_SIZE)
 
 
-def _map_size(shown: OpenedRun, longest: float) -> tuple[float, float]:
-    """Return width and height of a map, in inches, from the wanted length of its longer side."""
+def _map_size(shown: OpenedRun) -> tuple[float, float]:
+    """Return width and height of a map, in inches."""
     rows, columns = shown.config.scenario.map.shape
-    cell = max(SMALLEST_FIGURE_CELL, longest / max(rows, columns))
+    cell = max(SMALLEST_FIGURE_CELL, POLICY_MAP / max(rows, columns))
     return columns * cell, rows * cell
 
 
@@ -276,15 +263,17 @@ def _policy(shown: OpenedRun, label: str) -> Iterator[Panel]:
     for title, robots in groups.items():
         last = robots.stop == len(names)
         draw = partial(_draw_policy, shown, robots, title, key=last)
-        yield _map_panel(shown, POLICY_MAP, draw, 0.5 if last else 0.0)
+        _, height = _map_size(shown)
+        below = 0.5 if last else 0.0
+        yield Panel(_panel_width(shown), height + 0.6 + below, draw)
 
 
 def _draw_policy(
-    shown: OpenedRun, robots: Sequence[int], title: str, axes: Axes, *, key: bool = True
+    shown: OpenedRun, robots: Sequence[int], title: str, axes: Axes, *, key: bool
 ) -> None:
     """Draw robots' greedy moves as arrows, and the cells where they ask as rings.
 
-    Cells that a robot never reaches in greedy episodes are pale. The arrows of every second robot
+    Cells to which a robot never comes from its start are pale. The arrows of every second robot
     are hollow and its rings dashed: in greyscale its colour may look like another one's, pale.
     """
     scenario = shown.config.scenario
@@ -313,7 +302,7 @@ def _draw_policy(
             ring = Circle((x[cell], y[cell]), 0.25, fill=False, linewidth=1.8, zorder=4)
             ring.set(edgecolor=colour, linestyle=LINES[place % 2], alpha=alpha[cell])
             axes.add_patch(ring)
-    _put_title(shown, POLICY_MAP, title, TITLE_SIZE, axes)
+    _put_title(shown, title, axes)
     if key:
         _policy_key(shown, robots if len(robots) > 1 else (), axes)
 
@@ -370,7 +359,7 @@ def _draw_curve(
     axes.set_xlabel("learning step")
     ends = [shown.history.steps_before + shown.history.length for shown in runs]
     axes.set_xlim(0, max(int(end.max(initial=1)) for end in ends))
-    axes.set_ylabel(CURVES[name])
+    axes.set_ylabel(CURVE_LABELS[name])
     axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.grid(alpha=0.3)
     axes.legend(fontsize=6, ncols=2 if len(lines) > 4 else 1)

@@ -91,10 +91,9 @@ def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
         measures: a panel for each of these and each scenario.
     """
     scenarios = by_scenario(results)
-    figure, panels = panel_grid(len(measures) * len(scenarios), columns=3)
+    figure, rows = _panel_rows(measures, len(scenarios), columns=3)
     titles = [one.learner.title for one in scenarios[0]]
-    for row, measure in enumerate(measures):
-        drawn = panels[row * len(scenarios) : (row + 1) * len(scenarios)]
+    for measure, drawn in rows:
         for axes, own in zip(drawn, scenarios, strict=True):
             ours = measured(own, measure)
             ours["learner"] = ours["line"]
@@ -157,26 +156,41 @@ def swept_figure(
     _check("measure", measures, MEASURABLE)
     values = list(dict.fromkeys(one.scenario.plain_settings[x] for one in results))
     numbers = all(map(_is_number, values))
+    names = None if numbers else list(map(as_text, values))
     groups = _by_panel(results, [name for name in varied if name != x])
-    columns = len(groups) if len(groups) > 1 else len(measures)
-    columns = min(MOST_COLUMNS, columns)
-    figure, panels = panel_grid(len(measures) * len(groups), columns)
+    columns = _columns(measures, len(groups))
+    figure, rows = _panel_rows(measures, len(groups), columns)
     bars = False
-    for row, measure in enumerate(measures):
-        drawn = panels[row * len(groups) : (row + 1) * len(groups)]
+    for row, (measure, drawn) in enumerate(rows):
         for axes, (title, own) in zip(drawn, groups.items(), strict=True):
             data = measured(own, measure)
             bars = bars or bool(data["high"].any())
-            _draw_swept(axes, data, x, None if numbers else list(map(as_text, values)))
+            _draw_swept(axes, data, x, names)
             axes.set_title(title, fontsize=11)
         finish_measure(drawn, measure)
-        last = row == len(measures) - 1 or len(groups) == 1
-        if not last and columns == len(groups) and not numbers:
-            _hide_long_names(drawn, list(map(as_text, values)))
+        last = row == len(rows) - 1 or len(groups) == 1
+        if not last and columns == len(groups) and names is not None:
+            _hide_long_names(drawn, names)
         label_axes(drawn, columns, measure, x if last else "")
     said = (ERRORS if bars else NO_BARS) + (NESTED_TEXT if numbers else "")
     add_legend(figure, said.format(runs=results[0].runs))
     return figure
+
+
+def _columns(measures: Sequence[str], groups: int) -> int:
+    """Return how many panels a row has: a panel for each group, or measure of the only one."""
+    return min(MOST_COLUMNS, groups if groups > 1 else len(measures))
+
+
+def _panel_rows(
+    measures: Sequence[str], groups: int, columns: int
+) -> tuple[Figure, list[tuple[str, list[Axes]]]]:
+    """Return a figure, and each measure with its panels: one for each group of results."""
+    figure, panels = panel_grid(len(measures) * groups, columns)
+    rows = []
+    for row, measure in enumerate(measures):
+        rows.append((measure, panels[row * groups : (row + 1) * groups]))
+    return figure, rows
 
 
 def _hide_long_names(panels: Sequence[Axes], names: Sequence[str]) -> None:
@@ -202,14 +216,12 @@ def learners_figure(results: Results, measures: Sequence[str]) -> Figure:
     """
     _check("measure", measures, MEASURABLE)
     groups = by_scenario(results)
-    columns = len(groups) if len(groups) > 1 else len(measures)
-    columns = min(MOST_COLUMNS, columns)
-    figure, panels = panel_grid(len(measures) * len(groups), columns)
-    for row, measure in enumerate(measures):
-        drawn = panels[row * len(groups) : (row + 1) * len(groups)]
+    columns = _columns(measures, len(groups))
+    figure, rows = _panel_rows(measures, len(groups), columns)
+    for measure, drawn in rows:
         for axes, own in zip(drawn, groups, strict=True):
             draw_bars(axes, measured(own, measure))
-            axes.set_title(_panel_title(own[0], []), fontsize=11)
+            axes.set_title(own[0].scenario.name, fontsize=11)
         finish_measure(drawn, measure)
         label_axes(drawn, columns, measure, "")
     add_legend(figure, ERRORS.format(runs=results[0].runs))

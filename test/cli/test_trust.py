@@ -25,7 +25,6 @@ REFUSED = "refused"
 NOTHING = "nothing is missing"
 PERCEPTS = "percepts"
 ACTIONS = "actions and tables"
-EPISODES = "greedy episodes"
 THEIR_RESULT = "results of theirs:Team"
 WHY = "the robots' values and updates"
 

@@ -9,9 +9,9 @@ from sparse_coord_ros.log.runlog import verify
 
 @pytest.fixture
 def alter(good, rewritten, tmp_path):
-    """Return a function that changes messages, attachments or the record, and verifies."""
+    """Return a function that changes messages, and verifies."""
 
-    def altered(change=lambda messages: messages, **more):
-        return verify(rewritten(good.bag, tmp_path / "bag", change, **more))
+    def altered(change):
+        return verify(rewritten(good.bag, tmp_path / "bag", change))
 
     return altered

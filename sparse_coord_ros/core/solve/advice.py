@@ -108,11 +108,14 @@ def _gain(scenario: Scenario, loss: float) -> float:
 
 def _kind(scenario: Scenario, loss: float, gain: float) -> str:
     """Return one of the words above."""
-    exact = known_optimum(scenario).exact
-    kind = _kind_of(relative_gain(gain, scenario), _sure(scenario))
-    if kind != WILL_NOT_PAY and exact and is_avoidable(loss, gain):
+    gain_in_costs = relative_gain(gain, scenario)
+    if gain_in_costs < LEAST_RELATIVE_GAIN:
+        return WILL_NOT_PAY
+    if known_optimum(scenario).exact and is_avoidable(loss, gain):
         return AVOIDABLE
-    return kind
+    if gain_in_costs < _sure(scenario):
+        return MAY_PAY
+    return WILL_PAY
 
 
 def _sure(scenario: Scenario) -> float:
@@ -157,20 +160,6 @@ def _sufficient_penalty(scenario: Scenario) -> float | None:
             if _kind(dearer, loss, _gain(dearer, loss)) == WILL_PAY:
                 return penalty
     return None
-
-
-def _kind_of(gain_in_costs: float, sure: float) -> str:
-    """Return whether coordination will pay.
-
-    Args:
-        gain_in_costs: the gain, as of `relative_gain`.
-        sure: from which on it will pay.
-    """
-    if gain_in_costs < LEAST_RELATIVE_GAIN:
-        return WILL_NOT_PAY
-    if gain_in_costs < sure:
-        return MAY_PAY
-    return WILL_PAY
 
 
 def loss_of_ignoring(scenario: Scenario) -> float:

@@ -63,7 +63,7 @@ def first_entry(
     """Return the first entry in which a robot's arrays differ, bit for bit.
 
     Args:
-        logged: the arrays of an attachment.
+        logged: the recorded arrays.
         computed: the correct arrays.
         robot: its number from 0; the names have it from 1.
 

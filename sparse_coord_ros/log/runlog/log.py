@@ -217,9 +217,9 @@ class RunLog:
         columns |= {
             f"percept_{name}": self.percept[..., k] for k, name in enumerate(self.names)
         }
-        named = {"ask_cost": "ask_cost", "reward": "total"}
-        named = {"individual": "individual", "common": "common"} | named
-        columns |= {name: self.column(label) for name, label in named.items()}
+        for label in ("individual", "common", "ask_cost"):
+            columns[label] = self.column(label)
+        columns["reward"] = self.column("total")
         return data_frame({name: values.ravel() for name, values in columns.items()})
 
     def history(self) -> History:

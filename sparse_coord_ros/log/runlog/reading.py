@@ -9,6 +9,7 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,6 +57,18 @@ class Rows(NamedTuple):
     content: np.ndarray
     log_ns: np.ndarray
     file: np.ndarray
+
+
+class OpenedTables(NamedTuple):
+    """A robot's tables in a message.
+
+    Attributes:
+        said: as it published them.
+        content: what they contain; if they cannot be read, the reason.
+    """
+
+    said: PublishedTables
+    content: RecordedTables | str
 
 
 class Read(NamedTuple):
@@ -200,14 +213,28 @@ def _forms(found: BagRun) -> dict[str, tuple[Key, Reading]]:
         wire.ACTION: messages.ACTION_FORM,
         wire.PERCEPT: messages.percept_form(len(names)),
         wire.COORDINATION_MAP: messages.grid_form(run),
-        wire.TABLES: read_tables,
     }
     forms: dict[str, tuple[Key, Reading]] = {}
     for topic, form in of_robot.items():
         for k, name in enumerate(names):
             forms[found.prefix + topic.of(name)] = (topic, k), form
+    for k, name in enumerate(names):
+        opening = partial(_opened_tables, run, k)
+        forms[found.prefix + wire.TABLES.of(name)] = (wire.TABLES, k), opening
     forms[found.prefix + wire.STATUS.name] = (wire.STATUS, 0), read_status
     return forms
+
+
+def _opened_tables(run: RunConfig, k: int, message: Any) -> OpenedTables:
+    """Return the tables in a decoded message; raises ValueError if it has another layout.
+
+    They are opened here, so that those of a bag that grows are opened once.
+    """
+    said = read_tables(message)
+    try:
+        return OpenedTables(said, opened(run, k, said))
+    except TablesError as error:
+        return OpenedTables(said, str(error))
 
 
 def _no_rows(form: Reading) -> Rows:
@@ -316,17 +343,16 @@ def _tables(
     """Return a robot's tables; note unreadable ones."""
     found = []
     known = set()
-    saved: Sequence[PublishedTables] = rows.content.tolist()
-    for said, file in zip(saved, rows.file.tolist(), strict=True):
+    for (said, content), file in zip(rows.content, rows.file.tolist(), strict=True):
         if said.step >= ends[file] or (said.step, said.packed) in known:
             continue
         known.add((said.step, said.packed))
-        try:
-            found.append(opened(run, k, said))
-        except TablesError as error:
+        if isinstance(content, str):
             name = run.scenario.names[k]
-            words = wire.TABLES.name, str(error), "readable tables"
+            words = wire.TABLES.name, content, "readable tables"
             problems.append(Difference(said.step, name, *words))
+        else:
+            found.append(content)
     return found
 
 

@@ -33,11 +33,7 @@ from sparse_coord_ros.show.page.key_steps import (
 )
 from sparse_coord_ros.show.page.live_source import ASKED_SO_FAR
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
-from sparse_coord_ros.show.steps import (
-    logged_step,
-    logged_trails,
-    questions_of,
-)
+from sparse_coord_ros.show.steps import logged_step, logged_trails, questions_of
 
 BAG_CONTROLS = (
     controls.PAUSE,
@@ -579,7 +575,8 @@ class BagSource(controls.Played):
             with leaving_out(
                 "their value", lambda said: self.board.put("notice", text=said)
             ):
-                value = messages.evaluation_fields(self.run, tables, step)
+                measures = messages.measured(self.run, tables)
+                value = messages.evaluation_fields(self.run, tables, measures, step)
                 self.board.put("evaluation", **value)
 
 

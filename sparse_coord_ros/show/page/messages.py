@@ -19,6 +19,7 @@ from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
+from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
@@ -159,18 +160,26 @@ def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
 
 
 def put_so_far(board: MessageBoard, run: RunConfig, history: History) -> None:
-    """Show in words what robots would do by their tables on the board, and how they fare."""
+    """Show in words what robots would do by their tables on the board, and how they fare.
+
+    Of tables of the run's end `put_end` says more.
+    """
     tables = board.get("tables")
     if tables is None or not all(tables["robots"]):
         return
-    asking = []
-    for robot, own in zip(run.scenario.robots, tables["robots"], strict=True):
-        cells = len(set(own["asks"]) & set(own["enters"]))
-        asking.append(f"{robot.name} in {cells} cell{'s' * (cells != 1)}")
-    lines = [f"So far, on their ways, robots would ask: {', '.join(asking)}."]
-    if len(asking) > MOST_NAMED:
-        asking = [one for one in asking if not one.endswith(" in 0 cells")]
-        lines = [f"So far {len(asking)} robots would ask on their ways."]
+    robots = tables["robots"]
+    if any(own["step"] is None for own in robots):
+        return
+    counts = [len(set(own["asks"]) & set(own["enters"])) for own in robots]
+    if len(robots) > MOST_NAMED:
+        asking = sum(count > 0 for count in counts)
+        lines = [f"So far {asking} robots would ask on their ways."]
+    else:
+        where = ", ".join(
+            f"{robot.name} in {count} cell{'s' * (count != 1)}"
+            for robot, count in zip(run.scenario.robots, counts, strict=True)
+        )
+        lines = [f"So far, on their ways, robots would ask: {where}."]
     if history.episodes and history.present.all():
         recent = slice(-RECENT, None)
         count = min(RECENT, history.episodes)
@@ -280,21 +289,27 @@ def _means(values: np.ndarray, weights: np.ndarray, begins: np.ndarray) -> list[
         return plain((sums / counts).T)
 
 
-def evaluation_fields(
-    run: RunConfig, tables: Sequence[Tables], step: int | None
-) -> Message:
-    """Return the evaluation of tables: exact for one or two robots, else by `PAGE_TRIALS` trials.
-
-    Args:
-        run: the run.
-        tables: of every robot.
-        step: of which time step they are; None: of the run's end.
+def measured(run: RunConfig, tables: Sequence[Tables]) -> Measures:
+    """Return the value of tables: exact for one or two robots, else by `PAGE_TRIALS` trials.
 
     Raises:
         TablesError: the tables do not fit the run.
     """
+    return evaluate_best(run.scenario, tables, trials=PAGE_TRIALS, learner=run.rule)
+
+
+def evaluation_fields(
+    run: RunConfig, tables: Sequence[Tables], measures: Measures, step: int | None
+) -> Message:
+    """Return the evaluation of tables.
+
+    Args:
+        run: the run.
+        tables: of every robot.
+        measures: as of `measured`.
+        step: of which time step they are; None: of the run's end.
+    """
     scenario = run.scenario
-    measures = evaluate_best(scenario, tables, trials=PAGE_TRIALS, learner=run.rule)
     verdict = verdict_on(scenario, run.rule, measures)
     optimum = known_optimum(scenario).value
     return {
@@ -348,17 +363,20 @@ def put_learned(
 
 
 def put_end(
-    board: MessageBoard, run: RunConfig, tables: Sequence[Tables]
+    board: MessageBoard, run: RunConfig, tables: Sequence[Tables], measures: Measures
 ) -> tuple[TeamTransition, ...]:
     """Show the value of a finished run's tables, and in words what they do in a greedy episode.
 
+    Args:
+        board: where the messages go.
+        run: the run.
+        tables: of every robot.
+        measures: as of `measured`.
+
     Returns:
         The episode's transitions, with time steps from 0.
-
-    Raises:
-        TablesError: the tables do not fit the run.
     """
-    value = evaluation_fields(run, tables, None)
+    value = evaluation_fields(run, tables, measures, None)
     episode = played_episode(run.scenario, tables, BUSIEST, seed=0, learner=run.rule)
     first = episode.steps[0].step if episode.steps else 0
     steps = tuple(seen._replace(step=seen.step - first) for seen in episode.steps)

@@ -9,7 +9,6 @@ import numpy as np
 from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.team import groups_of
-from sparse_coord_ros.core.solve.exact import evaluate_best
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.show.page import messages
 from sparse_coord_ros.show.page.bag_source import SHOWN_RATE
@@ -136,13 +135,11 @@ class TrainedView(LiveView):
         groups = len(groups_of(run.scenario, run.rule))
         self._made = int(shown.history.length.sum()) // groups
         newest = {k: (None, own) for k, own in enumerate(tables)}
-        measures = evaluate_best(
-            run.scenario, tables, trials=messages.PAGE_TRIALS, learner=run.rule
-        )
+        measures = messages.measured(run, tables)
         played = f"asked here in {SHOWN_EPISODES} greedy episodes"
         asked = np.rint(measures.asked * SHOWN_EPISODES).astype(np.int64)
         self.show_learned(shown.history, newest, asked=asked, where=played)
-        self._steps = messages.put_end(board, run, tables)
+        self._steps = messages.put_end(board, run, tables, measures)
 
     def play(self) -> None:
         """Play the episode again and again until interrupted."""

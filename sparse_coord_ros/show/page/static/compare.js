@@ -2,7 +2,7 @@
 // Several runs on one page: one clock, one time line, a map for each, and their curves in one chart.
 
 import { Curves } from "/curves.js";
-import { $, about, html, number, otherTheme, spoken, svg, tell, tinted } from "/draw.js";
+import { $, about, html, number, otherTheme, shared, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
@@ -300,7 +300,7 @@ const TAKE = {
   },
   error({ text }) { $("said").textContent = text; },
   done() { $("said").textContent = ""; },
-  pages({ count }) { $("shared").textContent = count > 1 ? `${count} pages are open: they share one clock and its controls` : ""; },
+  pages: shared,
 };
 
 const pause = () => send("pause", clock?.state !== "paused");

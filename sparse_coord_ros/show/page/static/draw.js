@@ -7,6 +7,9 @@ export const number = (n) => (n === null || n === undefined ? "–" : n.toLocale
 // Shows a line; an empty one takes it away.
 export const tell = (id, text) => Object.assign($(id), { textContent: text, hidden: !text });
 
+// How many pages are open: what one does is done for all.
+export const shared = ({ count }) => tell("shared", count > 1 ? `${count} pages are open: they share one clock and its controls` : "");
+
 // The round numbers of an axis, at least so far apart.
 export function ticks(low, high, least) {
   const power = 10 ** Math.floor(Math.log10(least)), step = [1, 2, 5, 10].find((n) => n * power >= least) * power;

@@ -2,7 +2,7 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { $, about, html, inkOn, number, otherTheme, shape, spoken, svg, tell, tinted } from "/draw.js";
+import { $, about, html, inkOn, number, otherTheme, shape, shared, spoken, svg, tell, tinted } from "/draw.js";
 import { Lane } from "/lanes.js";
 import { layerSigns, places, question } from "/legend.js";
 import { TeamMap } from "/map.js";
@@ -59,7 +59,7 @@ const TAKE = {
   hello,
   error: ({ text }) => { $("said").textContent = text; },
   done: () => { $("said").textContent = ""; },
-  pages,
+  pages: shared,
   said: ({ text }) => { if (mayControl) $("said").textContent = text; },
   notice: ({ text }) => tell("notice", text),
   run: (message) => {
@@ -87,11 +87,6 @@ function hello({ control, scenarios, learners }) {
   }
   nextRun();
   showControls();
-}
-
-// What one page does is done for all.
-function pages({ count }) {
-  $("shared").textContent = count > 1 ? `${count} pages are open: they share one clock and its controls` : "";
 }
 
 function showControls() {
