@@ -6,7 +6,7 @@ The world publishes its status every second, with the identity of its run. The s
 world does not count. Times are seconds of any monotonic clock.
 """
 
-from sparse_coord_ros.protocol.wire import RunState
+from sparse_coord_ros.protocol.wire import OVER
 
 SILENT_SECONDS = 3.0
 """After so long without a status the world counts as silent; it publishes one every second."""
@@ -157,7 +157,7 @@ class WorldPresence:
             )
         self._heard = now
         self._other = False
-        if state in (RunState.FINISHED, RunState.STOPPED):
+        if state in OVER:
             self.ended = now if self.end is None else self.ended
             self.end = step
         else:

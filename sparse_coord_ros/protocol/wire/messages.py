@@ -10,7 +10,7 @@ An error's text continues a sentence about the message, such as "has no number l
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import isfinite
 from typing import Any
 
@@ -198,12 +198,13 @@ ACTION_FORM = labelled(wire.ACTION.labels)
 REWARD_FORM = labelled(wire.REWARD.labels)
 
 
-def path(count: int) -> list[Item]:
-    """Return the fields of a nav_msgs/Path of some poses; the poses may have any stamps."""
+@cache
+def path_layout(count: int) -> Layout:
+    """Return the layout of a nav_msgs/Path of some poses; the poses may have any stamps."""
     items: list[Item] = [*header(), Fixed("<u4", count)]
     for number in range(count):
         items += [*header(f"{number}_"), *place(f"{number}_")]
-    return items
+    return Layout(items)
 
 
 def percept_form(robots: int) -> MessageForm:
@@ -221,7 +222,7 @@ def percept_form(robots: int) -> MessageForm:
 
     columns = np.dtype([NS, ("count", "i4"), ("places", "f8", (robots, 2))])
     return MessageForm(
-        columns, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)]
+        columns, [(path_layout(n), fill(n)) for n in range(1, robots + 1)]
     )
 
 
@@ -318,7 +319,6 @@ class Messages:
         self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
         self._decode = decode
         self._grid = grid_form(run).layout
-        self._percepts = [Layout(path(count)) for count in range(1, self.robots + 1)]
 
     def stamp(self, step: int) -> tuple[int, int]:
         """Return (sec, nanosec) of a time step."""
@@ -338,7 +338,7 @@ class Messages:
     ) -> tuple[Any, ...]:
         """Return (sec, nanosec, *numbers) of a message that another program has packed."""
         if self._decode is None:
-            raise ValueError("has another form than those of the run")
+            return no_other_form(data)
         ns, numbers = form.read(self._decode(topic, data))
         return *divmod(ns, SECOND), *numbers
 
@@ -419,7 +419,7 @@ class Messages:
         """Return a percept as CDR of nav_msgs/Path: the own cell, then the perceived ones."""
         stamp = self.stamp(step)
         poses = [number for cell in cells for number in (*stamp, *self.centres[cell])]
-        return self._percepts[len(cells) - 1].pack(*stamp, *poses)
+        return path_layout(len(cells)).pack(*stamp, *poses)
 
     # Now and then.
 

@@ -338,7 +338,7 @@ class WatchNode(Follower):
         """Report that the world is gone; the page waits for the next team."""
         assert self.presence is not None
         view = self.team.view
-        over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
+        over = view.state in (*wire.OVER, "gone")
         silent = self.presence.silent(now) > GONE_SECONDS
         if silent and not over and not self.count_publishers(ros_topics.STATUS.name):
             view.state = "gone"
