@@ -229,7 +229,7 @@ class Runs(list[Training]):
             SettingError: there is no such curve.
         """
         with needed("plots need pandas and Matplotlib", PLOTS):
-            from sparse_coord_ros.show.mean_curves import curves_figure
+            from sparse_coord_ros.show.figures import curves_figure
         for name in names:
             check_choice("curve", name, CURVES)
         one = self[0]
