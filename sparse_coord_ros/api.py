@@ -596,7 +596,7 @@ def plot(
         SettingError: `x` has only one value, or the measure is unknown.
     """
     with needed("plots need pandas and Matplotlib", PLOTS):
-        from sparse_coord_ros.studies.figures import swept_figure
+        from sparse_coord_ros.studies.experiment_figures import swept_figure
     return swept_figure(listed(results), x, measures)
 
 

@@ -152,7 +152,7 @@ def chosen(
         wanted: as in `logged_episode`.
         history: the episodes.
         from_starts: whether each began at the scenario's starts, shape (episodes,), bool.
-        source: name of their source in an error.
+        source: the name of their source, for an error.
     """
     count = history.episodes
     if isinstance(wanted, int):

@@ -428,8 +428,8 @@ class BagSource(controls.Played):
                 if step == seen.step and reason is not None
             }
             rows = {
-                k: f": {explain.row_in_words(question.values)}"
-                for k, question in reasons.items()
+                k: f": {explain.row_in_words(reason.values)}"
+                for k, reason in reasons.items()
             }
             entries += page_messages.in_words(
                 self.run,
@@ -508,9 +508,7 @@ class BagSource(controls.Played):
         """
         shown = self._questions
         keys = {(step, question.robot) for step, question in shown}
-        reasons = {
-            key: question for key, question in self._reasons.items() if key in keys
-        }
+        reasons = {key: reason for key, reason in self._reasons.items() if key in keys}
         for step, group in groupby(shown, key=lambda question: question[0]):
             asked = [
                 question

@@ -82,8 +82,8 @@ class LiveView:
 
     def notice(self, text: str) -> None:
         """Show a line; an empty one takes it away. What the curves lack stays beside it."""
-        lines = "; ".join(part for part in (text, self._lacking) if part)
-        self.board.put("notice", text=lines)
+        line = "; ".join(part for part in (text, self._lacking) if part)
+        self.board.put("notice", text=line)
 
     def lack(self, text: str) -> None:
         """Say, for as long as the run is shown, what the curves lack."""
