@@ -29,7 +29,7 @@ PAGES = {
     "PettingZoo returns": ("faq", "environments"),
     "how to cite": ("faq",),
     "citing": ("faq",),
-    "which learner": ("which_learner",),
+    "which learner": ("learners",),
     "installation": ("installation",),
     "exit codes": ("verbs",),
 }
