@@ -12,7 +12,7 @@ UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
     "map, markers, coordination maps, clock, status, diagnostics and other "
-    "topics; wall-clock stamps; the order of messages of different topics (all: docs/log.md)"
+    "topics; wall-clock stamps; the order of messages of different topics (all: docs/recordings.md#the-log)"
 )
 
 EXAMPLE = "sparse_coord verify runs/demo/bag"

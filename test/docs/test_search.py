@@ -17,7 +17,7 @@ PAGES = {
     "discount": ("faq", "settings"),
     "exploration rate": ("faq", "settings"),
     "number of robots": ("faq",),
-    "map size": ("faq", "maps"),
+    "map size": ("faq", "buildings"),
     "GPU": ("faq",),
     "deep learning": ("faq", "leaderboard"),
     "own rewards": ("faq",),
