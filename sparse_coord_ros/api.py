@@ -21,7 +21,7 @@ from sparse_coord_ros.base.errors import (
     TablesError,
     check_argument,
     check_choice,
-    needed,
+    packages_needed,
     wrong_argument,
 )
 from sparse_coord_ros.base.files import path_argument
@@ -182,10 +182,6 @@ def _in_html(run: "Training | SavedRun") -> str:
 Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
-PLOTS = "pip install pandas matplotlib"
-"""What plots need."""
-
-
 class Runs(list[Training]):
     """Learning runs of one learner in one scenario, as `train_many` returns them: a list."""
 
@@ -228,7 +224,7 @@ class Runs(list[Training]):
         Raises:
             SettingError: there is no such curve.
         """
-        with needed("plots need pandas and Matplotlib", PLOTS):
+        with packages_needed():
             from sparse_coord_ros.show.mean_curves import curves_figure
         for name in names:
             check_choice("curve", name, CURVES)
@@ -595,7 +591,7 @@ def plot(
     Raises:
         SettingError: `x` has only one value, or the measure is unknown.
     """
-    with needed("plots need pandas and Matplotlib", PLOTS):
+    with packages_needed():
         from sparse_coord_ros.studies.figures import swept_figure
     return swept_figure(listed(results), x, measures)
 

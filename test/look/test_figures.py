@@ -4,7 +4,6 @@
 
 import json
 import shutil
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -275,16 +274,3 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "alone" in said(capsys, results, trained, "--out", out)
     assert not out.exists()
-
-
-def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
-    for name in [
-        n
-        for n in sys.modules
-        if n.startswith(("sparse_coord_ros.show.fig", "matplotlib"))
-    ]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.charts", raising=False)
-    words = "this needs the Python package matplotlib (import of matplotlib halted"
-    assert words in said(capsys, trained, "--out", tmp_path / "x.png")
