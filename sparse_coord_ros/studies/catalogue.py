@@ -84,7 +84,7 @@ def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
 
 
 def _ask_cost() -> list[Condition]:
-    """Return Coop. at each cost, and once Non-coop., which cannot ask, in the same problem."""
+    """Return `coop` at each cost, and once `noncoop`, which cannot ask, in the same problem."""
     return _sweep("ask_cost", ASK_COSTS) + _every(
         PAYING_PAIRS, {"learner": ["noncoop"]}, LONG
     )
