@@ -28,7 +28,7 @@ test: $(VENV)/tests
 check-long: $(VENV)/tests
 	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
 
-# Every experiment: tables and figures of docs/reproduction.md, into results/.
+# Every experiment: tables and figures of docs/paper.md, into results/.
 reproduce: $(VENV)/runs
 	$(BIN)/sparse_coord reproduce --out results
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What learners reach in each kind of interaction. The studies of docs/interactions.md.
+"""What learners reach in each kind of interaction. The studies of docs/learners.md.
 
 python studies/interactions.py [--kinds KIND...] [--seeds N...] [--runs N] [--steps N] [--seed N]
 

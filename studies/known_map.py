@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that know their map learn in fewer steps. The study of docs/known_map.md.
+"""Robots that know their map learn in fewer steps. The study of docs/leaderboard.md.
 
 python studies/known_map.py [--lists LIST...] [--learners NAME...] [--steps N...] [--runs N]
     [--seed N] [--picture FILE.png]

@@ -73,7 +73,9 @@ def test_rosdep_gets_what_it_asks_for():
 
 
 def test_the_formats_number_is_said():
-    said = re.findall(r"This is format (\d+)\.", (ROOT / "docs/formats.md").read_text())
+    said = re.findall(
+        r"This is format (\d+)\.", (ROOT / "docs/recordings.md").read_text()
+    )
     assert said == [str(FORMAT)]
 
 

@@ -132,10 +132,10 @@ def test_what_is_written(tmp_path):
 
 @pytest.mark.parametrize("name", ["table1", "table3"])
 def test_the_page_has_the_numbers_of_its_file(name):
-    """Of docs/reproduction.md and docs/tables: learned returns with their errors."""
+    """Of docs/paper.md and docs/tables: learned returns with their errors."""
     with (DOCS / f"tables/{name}.csv").open(newline="") as file:
         records = list(csv.DictReader(file))
-    page = (DOCS / "reproduction.md").read_text("utf-8")
+    page = (DOCS / "paper.md").read_text("utf-8")
     section = page.split(f"\n## Table {name[-1]}:")[1].split("\n\n![")[0]
     rows = {row["scenario"]: row for row in table_of("|" + section.split("\n|", 1)[1])}
     assert len(records) == 4 * len(rows)

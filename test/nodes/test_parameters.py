@@ -321,7 +321,7 @@ def test_the_documentation_lists_the_parameters():
             if one.name not in SETTINGS:
                 nodes.setdefault((one.name, default, meaning), []).append(node)
     rows = [f"| {', '.join(of)} | {' | '.join(row)} |" for row, of in nodes.items()]
-    text = (Path(__file__).parents[2] / "docs" / "parameters.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
     assert "\n".join(["|---|---|---|---|", *rows, "", ""]) in text, "\n".join(rows)
 
 

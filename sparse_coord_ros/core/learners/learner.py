@@ -5,7 +5,7 @@
 A robot node, the log and plain Python call the hooks; `core.runs.loop` makes a loop of them, which
 numba compiles. So they may index (`mind.q_star[k, cell, b]`), compute, and call functions that are
 marked by `compiling.jitable`; they make no objects. A user's own learner overrides one or more of
-them. See examples/own_learner.py and docs/tutorials/own_learner.md.
+them. See examples/own_learner.py and docs/learners.md.
 """
 
 import functools

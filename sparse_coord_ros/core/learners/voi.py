@@ -30,7 +30,7 @@ lose patience: see `patience`.
 
 This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
 max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
-docs/coordination.md derives each line.
+docs/learners.md derives each line.
 """
 
 from dataclasses import replace
