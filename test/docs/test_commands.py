@@ -67,7 +67,9 @@ def blocks(page):
 def pages():
     """Return every page of the documentation that is written by hand, and the README."""
     docs = sorted((ROOT / "docs").rglob("*.md"))
-    docs = [path for path in docs if not {"_build", "generated"} & set(path.parts)]
+    docs = [
+        path for path in docs if not {"_build", "generated", "tables"} & set(path.parts)
+    ]
     shown = [
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
