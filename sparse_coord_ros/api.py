@@ -230,7 +230,7 @@ class Runs(list[Training]):
             check_choice("curve", name, CURVES)
         one = self[0]
         game = f"{one.scenario.name}, penalty {one.scenario.penalty:g}"
-        title = f"{one.learner.title}, {game}: {len(self)} runs; band: a standard error"
+        title = f"{one.learner.label}, {game}: {len(self)} runs; band: a standard error"
         return curves_figure(self.history, names, title)
 
 

@@ -214,7 +214,7 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
         "asks: env1/voi/penalty=-100, where robots ask most" in capsys.readouterr().err
     )
     [axes, _] = results_figure(tmp_path / "r", "asks")[1].axes
-    assert "env1, Value of information\npenalty -100\n0.800 asks a robot" in [
+    assert "env1, voi\npenalty -100\n0.800 asks a robot" in [
         t.get_text() for t in axes.texts
     ]
 
