@@ -92,7 +92,7 @@ def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
     """
     scenarios = by_scenario(results)
     figure, rows = _panel_rows(measures, len(scenarios), columns=3)
-    titles = [result.learner.title for result in scenarios[0]]
+    titles = [result.learner.label for result in scenarios[0]]
     for measure, drawn in rows:
         for axes, group in zip(drawn, scenarios, strict=True):
             ours = measured(group, measure)
@@ -103,7 +103,7 @@ def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
             for result in group:
                 printed = paper(result, measure)
                 if printed is not None:
-                    learner = result.learner.title
+                    learner = result.learner.label
                     point = {"line": f"{learner}, paper", "learner": learner, "side": 1}
                     mean, _ = printed
                     papers.append(point | value_and_bar(measure, mean, 0.0))
@@ -311,7 +311,7 @@ def measured(results: Results, measure: str) -> pd.DataFrame:
         points.append(
             {
                 **result.scenario.plain_settings,
-                "line": result.learner.title,
+                "line": result.learner.label,
                 "side": side_of(result.condition.learner),
                 **value_and_bar(measure, *_mean_and_error(result, measure)),
                 **compared_with(result, measure, optimum),
@@ -423,7 +423,7 @@ def _title(result: ConditionResult) -> list[str]:
     """Return the lines above a map: scenario, learner, settings, and how often a robot asks."""
     settings = ", ".join(f"{name} {value}" for name, value in result.condition.settings)
     return [
-        f"{result.scenario.name}, {result.learner.title}",
+        f"{result.scenario.name}, {result.learner.label}",
         *textwrap.wrap(settings, TITLE_LETTERS),
         f"{result.measures.mean('asks'):.3f} asks a robot",
     ]

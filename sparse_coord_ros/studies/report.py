@@ -79,7 +79,7 @@ def _beside_paper(
         for group in by_scenario(results):
             row = {"scenario": group[0].scenario.name, "measure": measure}
             for result in group:
-                title = result.learner.title
+                title = result.learner.label
                 row[title] = _cells(result)[HEADINGS[measure]]
                 printed = paper(result, measure)
                 if printed is not None:
@@ -99,7 +99,7 @@ def _each(results: Sequence[ConditionResult]) -> Iterator[Row]:
         plain = result.scenario.plain_settings
         yield {
             "scenario": result.scenario.name,
-            "learner": result.learner.title,
+            "learner": result.learner.label,
             **{name: as_text(plain[name]) for name in names},
             **_cells(result),
             "failed teams": f"{result.measures.failed} of {result.runs}",
