@@ -41,8 +41,8 @@ EXAMPLE = (
 
 def _means(name: str, form: str) -> tuple[str, str]:
     """Return the cells of a mean ± its standard error: for the bodies, and by the grid."""
-    one = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
-    return one, one.replace(name, f"{name}_in_grid")
+    cell = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
+    return cell, cell.replace(name, f"{name}_in_grid")
 
 
 ROWS = (
@@ -138,8 +138,8 @@ def facts_of(run: RunConfig, driven: Drive, grid: Measures, speed: float) -> dic
     }
     means: dict[str, float] = {}
     for name, values in pairs.items():
-        for key, each in zip((name, f"{name}_in_grid"), values, strict=True):
-            by_episode = each.reshape(len(each), -1).mean(axis=1)
+        for key, by_robot in zip((name, f"{name}_in_grid"), values, strict=True):
+            by_episode = by_robot.reshape(len(by_robot), -1).mean(axis=1)
             means[key] = float(by_episode.mean())
             means[f"{key}_error"] = standard_error(by_episode)
     return {

@@ -39,20 +39,25 @@ def execute(options: argparse.Namespace) -> None:
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     step = next((t for t in steps if t >= options.step), None)
-    found = []
+    coordinations_found = []
     interactions = []
     if step is not None:
-        found = [one for k in asked for one in explained(log, k, [step])]
+        coordinations_found = [
+            coordination for k in asked for coordination in explained(log, k, [step])
+        ]
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
     lines = [] if log.damage is None else [log.damage]
     lines += _which_step(options.robot or "all robots", options.step, step, steps)
-    for one in found:
-        lines += in_words(log, one)
+    for coordination in coordinations_found:
+        lines += in_words(log, coordination)
     lines += [
         f"at the end of time step {step}: {sentence}" for sentence in interactions
     ]
-    facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
+    facts = [
+        {**coordination._asdict(), "robot": log.names[coordination.robot]}
+        for coordination in coordinations_found
+    ]
     document = {
         "wanted": options.step,
         "step": step,

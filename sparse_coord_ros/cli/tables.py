@@ -45,20 +45,20 @@ def execute(options: argparse.Namespace) -> None:
         )
     log = read_run(options.bag)
     common = sorted(set.intersection(*map(set, log.table_steps())))
-    said: dict[str, Any] = {"bag": options.bag, "steps": common, "damage": log.damage}
-    there = ", ".join(map(str, common)) or "none"
-    lines = [f"time steps with tables of all robots: {there}"]
+    facts: dict[str, Any] = {"bag": options.bag, "steps": common, "damage": log.damage}
+    steps_in_words = ", ".join(map(str, common)) or "none"
+    lines = [f"time steps with tables of all robots: {steps_in_words}"]
     if options.out is not None:
         step = options.step
         if step not in common:
             raise RunError(
                 f"{options.bag}: holds no tables of all robots of time step {step}; there are "
-                f"those of: {there}"
+                f"those of: {steps_in_words}"
             )
         out = create_output(options.out)
         save_team(out, [log.tables[k, step].memory for k in range(len(log.names))])
         write_whole(out / RUN_FILE, log.run.to_yaml())
-        said |= {"step": step, "directory": out}
+        facts |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]
     lost = [] if log.damage is None else [log.damage]
-    tell(options, said, *lost, *lines)
+    tell(options, facts, *lost, *lines)
