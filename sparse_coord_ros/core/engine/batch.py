@@ -83,7 +83,7 @@ def run_batch(
         learner: a learner, or its name.
         seeds: one run each.
         cluster: the cluster that computes; None: this machine.
-        how: as of `run_batches`; a cluster's workers choose their number of `jobs` themselves.
+        how: arguments of `run_batches`; on a cluster without `jobs`.
 
     Raises:
         SettingError: numba is asked for and not installed.
@@ -127,7 +127,7 @@ def run_batches(
         history: whether each run comes with its learning history.
 
     Raises:
-        SettingError, RunError: as of `run_batch`.
+        SettingError, RunError: as for `run_batch`.
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     work_of: Counter[type[Learner]] = Counter()
@@ -151,8 +151,8 @@ def run_batches(
             for one in same
             for s in one.seeds
         ]
-        found = all(map(_is_found_elsewhere, same))
-        if how == "here" or jobs == 1 or len(work) == 1 or not found:
+        found_elsewhere = all(map(_is_found_elsewhere, same))
+        if how == "here" or jobs == 1 or len(work) == 1 or not found_elsewhere:
             yield from (_run_plain(*one) for one in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
@@ -294,12 +294,14 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     """Learn for the scenario's budget, and evaluate the learned tables."""
     learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
-    found = result_of(learning, history=gathering)
+    training = result_of(learning, history=gathering)
     if not trials:
-        return found
+        return training
     if is_quick(team.scenario):
-        return replace(found, measures=evaluate_exact(team.scenario, found.tables))
-    return replace(found, measures=learning.play(trials))
+        return replace(
+            training, measures=evaluate_exact(team.scenario, training.tables)
+        )
+    return replace(training, measures=learning.play(trials))
 
 
 def result_of(learning: LearningRun, *, history: bool = True) -> Training:
@@ -329,7 +331,7 @@ def prepare(learner: str | Learner, *, engine: str = "auto") -> None:
 
     Args:
         learner: a learner, or its name.
-        engine: as of `run_batch`.
+        engine: as for `run_batch`.
 
     Raises:
         SettingError: numba is asked for and not installed.

@@ -69,10 +69,10 @@ class Training:
             SettingError: other processes cannot find its perception model, a function.
         """
         run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
-        said = run.to_yaml()
+        text = run.to_yaml()
         folder = create_output(path_argument("directory", directory))
         try:
-            write_whole(folder / RUN_FILE, said)
+            write_whole(folder / RUN_FILE, text)
             save_team(folder, [table.memory for table in self.tables])
             self.history.save(folder)
         except BaseException as error:

@@ -39,7 +39,7 @@ class Checkpoint:
 
     Attributes:
         state: where it is.
-        evaluations: those so far, as of `Training`.
+        evaluations: those so far, as in `Training`.
         evaluate_every: transitions between two of them; 0: none.
         trials: of each of them.
     """
@@ -104,5 +104,5 @@ def _memory(
 
 def run_digest(scenario: Scenario, learner: Learner, seed: int) -> str:
     """Return a digest of a run's computation."""
-    said = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()[:16]
+    content = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]

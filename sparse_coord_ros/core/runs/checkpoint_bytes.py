@@ -60,8 +60,8 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
     data = read_file(path, BrokenCheckpointError, remedy)
     how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
     arrays = npz.unpack(data, where=str(path), what="a checkpoint", **how)
-    found = str(arrays.pop("run", ""))
-    if found != run:
+    saved_run = str(arrays.pop("run", ""))
+    if saved_run != run:
         raise RunError(
             f"{path}: is the checkpoint of another run than this one ({said}); continue with the "
             "scenario, settings, learner and seed of that run"
@@ -88,11 +88,12 @@ def positions_from(
     robots = len(scenario.robots)
     like = position_arrays([before_episode(0, 0, robots)] * games)
     fields = [
-        npz.member(arrays, name, one.dtype, *one.shape) for name, one in like.items()
+        npz.member(arrays, name, array.dtype, *array.shape)
+        for name, array in like.items()
     ]
     return tuple(
-        Position._make([*one, tuple(places), tuple(arrived)])
-        for *one, places, arrived in zip(
+        Position._make([*array, tuple(places), tuple(arrived)])
+        for *array, places, arrived in zip(
             *(array.tolist() for array in fields), strict=True
         )
     )
