@@ -61,7 +61,7 @@ from sparse_coord_ros.core.runs.history import (
 )
 from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
 from sparse_coord_ros.core.solve.optimum import joint_optimum as optimum

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.measures import ERRORS, Measures, standard_error
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive
 
 EPISODES = Setting(

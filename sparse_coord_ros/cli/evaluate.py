@@ -35,7 +35,7 @@ from sparse_coord_ros.core.runs.measures import (
     Measures,
 )
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import load_team, missing_files
+from sparse_coord_ros.core.runs.saved_tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.core.solve.verdict import verdict_on

@@ -39,7 +39,7 @@ from sparse_coord_ros.core.game.grid import FURTHEST, number_of
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Moment, drive
 from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.image import (

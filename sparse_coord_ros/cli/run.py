@@ -22,7 +22,7 @@ from sparse_coord_ros.cli.evaluate import (
 )
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.show.page.message_board import MessageBoard

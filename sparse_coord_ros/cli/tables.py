@@ -11,7 +11,7 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, save_team
 
 STEP = Setting("step", int, 0, "time step", low=0)
 

@@ -60,7 +60,7 @@ from sparse_coord_ros.core.runs.run_config import (
     load_run,
     make_run,
 )
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team, save_team
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, load_team, save_team
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.core.solve.shipped import known_optimum

@@ -17,7 +17,7 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output, make_run
-from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.saved_tables import save_team
 
 
 @dataclass(frozen=True, eq=False)

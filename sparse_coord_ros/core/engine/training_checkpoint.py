@@ -27,7 +27,7 @@ from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.checkpoint_bytes import position_arrays, positions_from
 from sparse_coord_ros.core.runs.history import history_from
 from sparse_coord_ros.core.runs.run import LearningState
-from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
+from sparse_coord_ros.core.runs.saved_tables import memory_from, saved_arrays
 from sparse_coord_ros.core.runs.team import groups_of
 
 CHECKPOINT_FILE = "checkpoint.npz"

@@ -5,9 +5,9 @@
 Arrays beside those of `base.npz`: `run`, a digest of what the run computes, and whatever the
 caller adds. A file of another run is refused.
 
-For robot k from 1 there is what it remembers, as in `core.runs.tables`. Of G games: `transitions`,
-`step`, `under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`, (G, K): the fields
-of `core.game.world.Position`.
+For robot k from 1 there is what it remembers, as in `core.runs.saved_tables`. Of G games:
+`transitions`, `step`, `under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`,
+(G, K): the fields of `core.game.world.Position`.
 """
 
 from collections.abc import Mapping, Sequence

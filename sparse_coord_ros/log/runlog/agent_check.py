@@ -10,7 +10,7 @@ import numpy as np
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.learners.mind import Memory, memory_before
-from sparse_coord_ros.core.runs.tables import saved_arrays
+from sparse_coord_ros.core.runs.saved_tables import saved_arrays
 from sparse_coord_ros.log.runlog.difference import (
     Difference,
     Finding,
