@@ -148,7 +148,7 @@ def _setting(setting: Setting) -> Described:
 def _learner(learner: Learner) -> Described:
     defaults = ", ".join(f"{key}={value}" for key, value in learner.defaults.items())
     lines = [learner.summary, *[f"defaults of its own: {defaults}"] * bool(defaults)]
-    names = ("title", "summary", "asks", "alone", "defaults")
+    names = ("summary", "asks", "alone", "defaults")
     return Described(lines, [], {name: getattr(learner, name) for name in names})
 
 
