@@ -20,8 +20,6 @@ import sparse_coord_ros as sc
 coop_learn = sc.Coop.learn
 
 class Eager(sc.Coop):
-    title = "Team player"
-
     def weights(self, scenario):
         return sc.RewardWeights(1, len(scenario.robots), 1)
 

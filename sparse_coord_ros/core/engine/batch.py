@@ -131,13 +131,13 @@ def run_batches(
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     work_of: Counter[type[Learner]] = Counter()
-    for one in batches:
-        work_of[one.learner.rule] += _work_of(one, trials)
+    for batch in batches:
+        work_of[batch.learner.rule] += _work_of(batch, trials)
 
-    def how_to_compute(one: Batch) -> str:
-        if not uses_numba(engine, one.learner):
+    def how_to_compute(batch: Batch) -> str:
+        if not uses_numba(engine, batch.learner):
             return "processes"
-        rule = one.learner
+        rule = batch.learner
         quick = is_loaded(learner=rule) or pays_to_compile(work_of[rule.rule], rule)
         return "threads" if engine == "numba" or quick else "here"
 
@@ -147,13 +147,13 @@ def run_batches(
             yield from _in_threads(same, trials, jobs, history)
             continue
         work = [
-            (one.scenario, one.learner, s, trials, history)
-            for one in same
-            for s in one.seeds
+            (batch.scenario, batch.learner, seed, trials, history)
+            for batch in same
+            for seed in batch.seeds
         ]
         found_elsewhere = all(map(_is_found_elsewhere, same))
         if how == "here" or jobs == 1 or len(work) == 1 or not found_elsewhere:
-            yield from (_run_plain(*one) for one in work)
+            yield from (_run_plain(*arguments) for arguments in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
 

@@ -78,8 +78,10 @@ def load_checkpoint(
     if not path.exists():
         remedy = "only a run that was interrupted can be resumed"
         raise RunError(f"{path}: there is no such file; {remedy}")
-    said = f"learner {learner.label}, seed {seed}"
-    arrays = checkpoint_bytes.read(path, run_digest(scenario, learner, seed), said=said)
+    run_in_words = f"learner {learner.label}, seed {seed}"
+    arrays = checkpoint_bytes.read(
+        path, run_digest(scenario, learner, seed), run_in_words=run_in_words
+    )
     robots = len(scenario.robots)
     groups = len(groups_of(scenario, learner))
     try:

@@ -174,7 +174,7 @@ class GridMap:
         rows, columns = self.shape
         # walls around
         number = np.full((rows + 2, columns + 2), UNREACHABLE, dtype=np.int64)
-        r, c = (place + 1 for place in self.places.T)
+        r, c = (coordinate + 1 for coordinate in self.places.T)
         number[r, c] = np.arange(len(r))
         after = np.stack([number[r + dr, c + dc] for dr, dc in DIRECTIONS], axis=1)
         return np.where(after == UNREACHABLE, np.arange(len(r))[:, None], after)

@@ -202,7 +202,7 @@ class Registry(Generic[T]):
         """True if a name stands for code that is not allowed to be imported."""
         module = name.partition(":")[0] + "."
         known = name in self._known or any(
-            module.startswith(f"{one}.") for one in allowed()
+            module.startswith(f"{module_allowed}.") for module_allowed in allowed()
         )
         return is_path(name) and not known
 

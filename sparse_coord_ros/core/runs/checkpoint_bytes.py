@@ -44,13 +44,13 @@ def broken(path: Path, problem: object) -> BrokenCheckpointError:
     )
 
 
-def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
+def read(path: Path, run: str, *, run_in_words: str) -> dict[str, np.ndarray]:
     """Return the arrays of a checkpoint.
 
     Args:
         path: its file.
         run: the digest of the run that is to go on.
-        said: the run in words.
+        run_in_words: the run in words.
 
     Raises:
         BrokenCheckpointError: it cannot be read.
@@ -63,8 +63,8 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
     saved_run = str(arrays.pop("run", ""))
     if saved_run != run:
         raise RunError(
-            f"{path}: is the checkpoint of another run than this one ({said}); continue with the "
-            "scenario, settings, learner and seed of that run"
+            f"{path}: is the checkpoint of another run than this one ({run_in_words}); "
+            "continue with the scenario, settings, learner and seed of that run"
         )
     return arrays
 

@@ -236,8 +236,8 @@ def _layout(space: Space, pixels: float, top: float, left: float) -> Gridding:
     slips = 0
     for past, axis in zip(space.past_walls, (1, 0), strict=True):
         # An obstacle between one pair may be a spot; one between two adjacent pairs is a wall.
-        one, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
-        slips += int((one & beside).sum())
+        between, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
+        slips += int((between & beside).sum())
     _close(free, [past[at] for past in space.past_blocked])
     labels, count = ndimage.label(free)
     sizes = np.bincount(labels[free], minlength=count + 1)

@@ -325,7 +325,7 @@ def sort(read: Read, run: RunConfig) -> Sorted:
     tables = []
     for k in range(len(names)):
         tables += _tables(read.rows[wire.TABLES, k], run, k, ends, problems)
-    tables.sort(key=lambda one: (one.step, one.robot))
+    tables.sort(key=lambda entry: (entry.step, entry.robot))
     return Sorted(series, statuses, tables, problems)
 
 

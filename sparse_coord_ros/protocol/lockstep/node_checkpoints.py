@@ -206,7 +206,7 @@ class Checkpoints(CheckpointStore):
         path = self._path(step)
         run = self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        return checkpoint_bytes.read(path, run.digest, said=said)
+        return checkpoint_bytes.read(path, run.digest, run_in_words=said)
 
 
 def steps_of(folder: Path, node: str) -> list[int]:
