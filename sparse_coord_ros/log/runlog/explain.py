@@ -363,7 +363,8 @@ def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str
 
 def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines of a COORDINATE: question, answer, move, update."""
-    yield f"time step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
+    made = log.made_before(one.step)
+    yield f"step {made}: {choice_in_words(log.run, one.robot, one.cell)}"
     if one.doubt is not None and one.reason is not None:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     if one.reason is not None:
