@@ -110,6 +110,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", SHAPES)
 def test_nothing_overlaps_on_wide_and_tall_maps(shape, tmp_path):
     """Titles, labels, legends, maps, scales and curves of the whole figure."""
