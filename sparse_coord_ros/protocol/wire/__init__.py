@@ -37,7 +37,7 @@ class Delivery(StrEnum):
 
 
 TABLES_DEPTH = 10
-"""A recorder that lags further behind misses tables of checkpoints."""
+"""A recorder that lagged further behind would miss tables of checkpoints: the world waits before."""
 
 
 @dataclass(frozen=True)
