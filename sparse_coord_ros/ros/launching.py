@@ -338,7 +338,9 @@ def _fail_after_failure(event: ProcessExited, context: LaunchContext) -> None:
         RunError: it has. `ros2 launch` returns 1 after an exception, and 0 otherwise.
     """
     if event.returncode and not context.is_shutdown:
-        raise RunError(f"{event.process_name} has ended with exit code {event.returncode}")
+        raise RunError(
+            f"{event.process_name} has ended with exit code {event.returncode}"
+        )
 
 
 def typed(table: Mapping[str, Setting], given: Mapping[str, str]) -> dict[str, Any]:

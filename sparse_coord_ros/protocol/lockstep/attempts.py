@@ -26,7 +26,7 @@ MOST_BEHIND = 2000
 """The world waits for a recorder that has written so many time steps less than it has made."""
 
 CHECKPOINTS_BEHIND = TABLES_DEPTH // 2
-"""It also waits for one that is so many checkpoints behind: publishers keep twice as many tables."""
+"""It also waits for one that is so many checkpoints behind: publishers keep twice as many."""
 
 KEPT_COMMON = 3
 """Number of the newest common checkpoints that all nodes keep, until a recorder has come back."""
