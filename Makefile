@@ -11,15 +11,9 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check-long reproduce lint types docs coverage dist bench clean
 
-# The same doorway twice: by the paper's learner, and by ours. Then both on one page.
+# The same doorway twice: by the paper's learner, and by ours.
 demo: $(VENV)/runs
-	$(BIN)/sparse_coord run env1 --steps 20000 --seed 1 --out $(RUN)
-	@echo
-	$(BIN)/sparse_coord run env1 --steps 20000 --seed 1 --learner voi --out $(RUN)_voi
-	@echo
-	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_voi
-	@echo
-	@$(BIN)/python -m tools.demo $(RUN) $(RUN)_voi
+	@$(BIN)/python -m tools.demo $(RUN)
 
 test: $(VENV)/tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
@@ -28,7 +22,7 @@ test: $(VENV)/tests
 check-long: $(VENV)/tests
 	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
 
-# Every experiment: tables and figures of docs/reproduction.md, into results/.
+# Every experiment: tables and figures of docs/paper.md, into results/.
 reproduce: $(VENV)/runs
 	$(BIN)/sparse_coord reproduce --out results
 
@@ -91,7 +85,7 @@ define install
 	@touch $@
 endef
 
-$(VENV)/runs: EXTRAS := fast
+$(VENV)/runs: EXTRAS := fast,plots,page,maps
 $(VENV)/tests: EXTRAS := fast,test,lint
 
 $(VENV)/runs $(VENV)/tests: setup.py pyproject.toml Makefile

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Your own robot in plain rclpy, without learning: it moves at random.
 
-docs/own_robot.md says what each message means: python own_robot.py --ros-args -r __node:=robot_1
+docs/interface.md says what each message means: python own_robot.py --ros-args -r __node:=robot_1
 """
 
 import math

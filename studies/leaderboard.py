@@ -3,11 +3,13 @@
 """The leaderboard: learners, each with its tuned protocol, in all lists. docs/leaderboard.md.
 
 python studies/leaderboard.py [--lists LIST...] [--entries ENTRY...] [--runs N] [--seed N]
+    [--out FOLDER]
 python studies/leaderboard.py --tune --runs 2 --seed 3100000
 
-It prints a table of each list in Markdown: the share of the gap of each entry, failed teams and
-the least arrival of a team, the least number of steps that closes 90 % of the gap, and processor
-seconds of a learning run.
+It writes a table of each list in Markdown, FOLDER/LIST.md: the share of the gap of each entry,
+failed teams and the least arrival of a team, the least number of steps that closes 90 % of the
+gap, and processor seconds of a learning run. Rows of other entries stay as they are. Entries that
+cannot learn a list have none.
 
 `--tune` tries the same twenty protocols for each learner, and writes the one with the greatest
 mean return to studies/tuned.yaml: for each list by buildings that no list of the leaderboard has.
@@ -38,7 +40,7 @@ ENTRIES = {
     "joint": ("joint", {}),
     "joint, gated": (Gate, {}),
     "hysteretic": ("hysteretic", {}),
-    "independent": ("noncoop", {}),
+    "noncoop": ("noncoop", {}),
 }
 """Learner and its own settings, by the entry's title; studies/tuned.yaml has the others."""
 
@@ -46,19 +48,21 @@ ONLY = {"voi, peers seen": ("percepts",)}
 """Lists of an entry that does elsewhere as another one: where no question fails, `voi` learns the
 same bits with both values of `peers_seen`."""
 
+TEXTBOOK = {
+    "q_star_init": 0,
+    "q_coord_init": 0,
+    "epsilon": "constant:0.1",
+    "step_size": "constant:0.1",
+    "starts": "fixed",
+}
+"""Settings with which most users of Q-learning begin."""
+
 UNTUNED = {
     "voi": ("voi", {}),
     "voi, peers seen": ("voi", {"peers_seen": "while_learning"}),
     "coop, the defaults": ("coop", {}),
-    "independent, as its users start it": (
-        "noncoop",
-        {
-            "q_star_init": 0,
-            "epsilon": "constant:0.1",
-            "step_size": "constant:0.1",
-            "starts": "fixed",
-        },
-    ),
+    "coop, textbook settings": ("coop", TEXTBOOK),
+    "noncoop, textbook settings": ("noncoop", TEXTBOOK),
 }
 
 PROTOCOLS = """
@@ -88,6 +92,7 @@ map  own  linear:0.05:0.02:0.8 constant:0.1         exploring:1:0.2:0.5
 NAMES = ("prior", "credit", "epsilon", "step_size", "starts")
 
 TUNED = Path(__file__).with_name("tuned.yaml")
+
 HEAD = """\
 # The best of twenty protocols, by list and entry ({{}}: it cannot learn these games); written by
 # python studies/leaderboard.py --tune --runs {runs} --seed {seed}
@@ -116,10 +121,11 @@ NEARLY_ALL = 0.9
 
 
 def judge(options) -> None:
-    """Print how each entry stands in each list."""
+    """Write how each entry stands in each list."""
     tuned = tuned_before()
     for name in options.lists:
-        rows = []
+        file = Path(options.out) / f"{name}.md"
+        rows = rows_before(file)
         for title, (learner, own) in (ENTRIES | UNTUNED).items():
             if title not in options.entries or name not in ONLY.get(title, [name]):
                 continue
@@ -130,17 +136,32 @@ def judge(options) -> None:
                     f"{TUNED.name} has no protocol of {title} for {name}; python "
                     f"studies/leaderboard.py --tune --lists {name} --entries '{title}' finds it"
                 )
-            rows.append((title, *row_of(name, learner, own | chosen, options)))
-        rows.sort(key=lambda row: -row[1])
-        print(f"\n**{name}**\n")
-        print("| " + " | ".join(HEADS) + " |")
-        print("| :-- | :-- |" + " --: |" * (len(HEADS) - 2))
-        for title, _, *cells in rows:
-            print("| " + " | ".join([title, *cells]) + " |", flush=True)
+            row = row_of(name, learner, own | chosen, options)
+            if row is not None:
+                rows[title] = row
+        lines = ["| " + " | ".join(HEADS) + " |"]
+        lines.append("| :-- | :-- |" + " --: |" * (len(HEADS) - 2))
+        for title in sorted(
+            rows, key=lambda title: share_in(rows[title]), reverse=True
+        ):
+            lines.append("| " + " | ".join([title, *rows[title]]) + " |")
+        file.write_text("\n".join(lines) + "\n", "utf-8")
 
 
-def row_of(name, learner, settings: dict[str, object], options) -> tuple:
-    """Return the share of an entry in a list, and the cells of its row after the title."""
+def rows_before(file: Path) -> dict[str, list[str]]:
+    """Return the cells of a table that was written before, by the titles of the entries."""
+    lines = file.read_text("utf-8").splitlines()[2:] if file.exists() else []
+    rows = [line.strip("| ").split(" | ") for line in lines]
+    return {title: cells for title, *cells in rows}
+
+
+def share_in(cells: list[str]) -> float:
+    """Return the share of the gap in the cells of a row."""
+    return float(cells[1].split()[0])
+
+
+def row_of(name, learner, settings: dict[str, object], options) -> list[str] | None:
+    """Return the cells of an entry's row after its title; None: it cannot learn the list."""
 
     def standing(steps):
         [found] = sc.benchmark(
@@ -156,21 +177,20 @@ def row_of(name, learner, settings: dict[str, object], options) -> tuple:
 
     whole = standing(options.steps)
     if whole["share"] is None:
-        return (-np.inf, *["-"] * (len(HEADS) - 1))
+        return None
     enough = f"> {options.steps:,}"
     if whole["share"] >= NEARLY_ALL:
         fewer = [steps for steps in BUDGETS if steps < options.steps]
         reach = (n for n in fewer if standing(n)["share"] >= NEARLY_ALL)
         enough = f"{next(reach, options.steps):,}"
-    return (
-        whole["share"],
+    return [
         whole["peers_seen"],
         f"{percent(whole['share'])} ({100 * whole['error']:.1f})",
         f"{whole['failed']} of {whole['teams']}",
         percent(whole["arrived"]),
         enough,
         f"{seconds(name, learner, settings, options.steps):.2f}",
-    )
+    ]
 
 
 def seconds(name, learner, settings: dict[str, object], steps: int) -> float:
@@ -294,6 +314,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=4_100_000)
+    parser.add_argument("--out", default="docs/tables", help="folder of the tables")
     options = parser.parse_args()
     if options.tune:
         tune(options)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Large maps and teams: seconds, memory and arrivals of one learning run. docs/maps.md.
+"""Large maps and teams: seconds, memory and arrivals of one learning run. docs/buildings.md.
 
 python studies/scale.py halls:24 --robots 8 --steps 20000 --set prior=map
 python studies/scale.py building-3x2x4-32r-4 --steps 100000 --seed 2

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Do teams stand for ever? Learner voi with its patience and without. docs/coordination.md.
+"""Do teams stand for ever? Learner voi with its patience and without. docs/learners.md.
 
 python studies/stand_offs.py [--kinds KIND...] [--robots N...] [--buildings N] [--teams N]
     [--trials N] [--steps N] [--peers-seen WHEN] [--seed N]

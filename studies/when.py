@@ -205,7 +205,7 @@ def line_of(part: str, result) -> str:
     """Return the line of the tables to which a condition belongs."""
     robots = len(result.scenario.robots)
     if part in ("learners", "all costs"):
-        return result.learner.title
+        return result.learner.label
     if robots > 2:
         return f"{robots} robots"
     return part
@@ -377,7 +377,7 @@ def draw(found: pd.DataFrame, file: str) -> None:
     table = averages(beside[beside["gap"] > TINY], "line")
     figure = Figure(figsize=(8, 7), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    main = learner_of(LEARNER).title
+    main = learner_of(LEARNER).label
     for number, (line, own) in enumerate(table.groupby(level=0, sort=False)):
         own = own.sort_values("gain")
         style = {

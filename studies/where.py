@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where on the map do robots ask? The study of docs/reproduction.md's central claim.
+"""Where on the map do robots ask? The study of docs/paper.md's central claim.
 
 python studies/where.py [--scenarios NAME...] [--learner NAME] [--runs N] [--trials N] [--steps N]
     [--seed N] [--out RESULTS]

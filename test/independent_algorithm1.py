@@ -4,7 +4,7 @@
 
 It was written from the paper and shares no code with the package: its own reader of maps, its own
 learning loop with NumPy's random numbers, its own exact evaluation. The numbers of the protocol
-are the defaults of docs/settings.md. `test/learners/test_independent.py` compares the two.
+are the defaults of docs/commands.md. `test/learners/test_independent.py` compares the two.
 """
 
 from pathlib import Path

@@ -73,7 +73,9 @@ def test_rosdep_gets_what_it_asks_for():
 
 
 def test_the_formats_number_is_said():
-    said = re.findall(r"This is format (\d+)\.", (ROOT / "docs/formats.md").read_text())
+    said = re.findall(
+        r"This is format (\d+)\.", (ROOT / "docs/recordings.md").read_text()
+    )
     assert said == [str(FORMAT)]
 
 
@@ -129,7 +131,7 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
         pytest.skip(f"no Python {version} here")
     own = tmp_path / "environment"
     subprocess.run([interpreter, "-m", "venv", own], check=True)
-    pip_install(own, f"{wheel}[ros,fast]")
+    pip_install(own, f"{wheel}[ros,fast,plots,page]")
     # of the tests' ROS
     ours = (
         "PYTHONPATH",

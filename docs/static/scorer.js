@@ -1,5 +1,5 @@
 // How the search of these pages orders what it finds: answers first, the reference of Python last.
-const MORE = { which_learner: 9, faq: 8, glossary: 7 };
+const MORE = { commands: 8, glossary: 7 };
 const REFERENCE = 40;
 
 var Scorer = {

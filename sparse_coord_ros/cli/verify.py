@@ -12,7 +12,8 @@ UNDECIDED = 3
 """Exit code."""
 NOT_COMPARED = (
     "map, markers, coordination maps, clock, status, diagnostics and other "
-    "topics; wall-clock stamps; the order of messages of different topics (all: docs/log.md)"
+    "topics; wall-clock stamps; the order of messages of different topics "
+    "(all: docs/recordings.md)"
 )
 
 EXAMPLE = "sparse_coord verify runs/demo/bag"

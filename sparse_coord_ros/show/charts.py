@@ -18,7 +18,6 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from sparse_coord_ros.base.palette import LINE_COLOURS
-from sparse_coord_ros.core.learners.registry import learner_of
 
 LABELS = {
     "returns": "return of a robot",
@@ -59,9 +58,7 @@ BEST_ASKING = "best asking team found"
 REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, SHORTEST)
 """Lines that learners are compared with: columns of the data that `draw_*` take."""
 
-INDIV, NONCOOP, COOP, VOI = (
-    learner_of(name).title for name in ("indiv", "noncoop", "coop", "voi")
-)
+INDIV, NONCOOP, COOP, VOI = ("indiv", "noncoop", "coop", "voi")
 
 HOLLOW = {"markerfacecolor": "white"}
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {

@@ -80,11 +80,11 @@ def _figure4() -> list[Condition]:
 
 
 def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
-    return _every(PAYING_PAIRS, {"learner": ["coop"], setting: values}, LONG)
+    return _every(PAYING_PAIRS, {"learner": ["coop", "voi"], setting: values}, LONG)
 
 
 def _ask_cost() -> list[Condition]:
-    """Return Coop. at each cost, and once Non-coop., which cannot ask, in the same problem."""
+    """Return `coop` and `voi` at each cost, and once `noncoop`, which cannot ask."""
     return _sweep("ask_cost", ASK_COSTS) + _every(
         PAYING_PAIRS, {"learner": ["noncoop"]}, LONG
     )

@@ -92,7 +92,7 @@ def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
     """
     scenarios = by_scenario(results)
     figure, rows = _panel_rows(measures, len(scenarios), columns=3)
-    titles = [one.learner.title for one in scenarios[0]]
+    titles = [one.learner.label for one in scenarios[0]]
     for measure, drawn in rows:
         for axes, own in zip(drawn, scenarios, strict=True):
             ours = measured(own, measure)
@@ -103,7 +103,7 @@ def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
             for one in own:
                 printed = paper(one, measure)
                 if printed is not None:
-                    learner = one.learner.title
+                    learner = one.learner.label
                     place = {"line": f"{learner}, paper", "learner": learner, "side": 1}
                     mean, _ = printed
                     papers.append(place | value_and_bar(measure, mean, 0.0))
@@ -304,7 +304,7 @@ def measured(results: Results, measure: str) -> pd.DataFrame:
         points.append(
             {
                 **one.scenario.plain_settings,
-                "line": one.learner.title,
+                "line": one.learner.label,
                 "side": side_of(one.condition.learner),
                 **value_and_bar(measure, *_mean_and_error(one, measure)),
                 **compared_with(one, measure, optimum),
@@ -416,7 +416,7 @@ def _title(result: ConditionResult) -> list[str]:
     """Return the lines above a map: scenario, learner, settings, and how often a robot asks."""
     settings = ", ".join(f"{name} {value}" for name, value in result.condition.settings)
     return [
-        f"{result.scenario.name}, {result.learner.title}",
+        f"{result.scenario.name}, {result.learner.label}",
         *textwrap.wrap(settings, TITLE_LETTERS),
         f"{result.measures.mean('asks'):.3f} asks a robot",
     ]

@@ -74,7 +74,7 @@ def _beside_paper(
         for own in by_scenario(results):
             row = {"scenario": own[0].scenario.name, "measure": measure}
             for one in own:
-                title = one.learner.title
+                title = one.learner.label
                 row[title] = _cells(one)[HEADINGS[measure]]
                 printed = paper(one, measure)
                 if printed is not None:
@@ -92,7 +92,7 @@ def _each(results: Sequence[ConditionResult]) -> Iterator[Row]:
         plain = one.scenario.plain_settings
         yield {
             "scenario": one.scenario.name,
-            "learner": one.learner.title,
+            "learner": one.learner.label,
             **{name: as_text(plain[name]) for name in names},
             **_cells(one),
             "failed teams": f"{one.measures.failed} of {one.runs}",

@@ -14,7 +14,7 @@ from pathlib import Path
 from sparse_coord_ros.base.errors import (
     SettingError,
     check_argument,
-    needed,
+    packages_needed,
 )
 from sparse_coord_ros.base.files import import_apart, path_argument
 from sparse_coord_ros.base.progress import Show, shown
@@ -239,10 +239,9 @@ def computed_runs(
 
 def _report_writer() -> Callable[..., None]:
     """Return the report writer; raise `RunError` early, before hours of work, if it is missing."""
-    for package in ("pandas", "matplotlib"):
-        remedy = "pip install pandas matplotlib"
-        with needed(f"a report needs the Python package {package}", remedy):
-            import_apart(package, "matplotlibrc")
+    with packages_needed():
+        import_apart("pandas", "matplotlibrc")
+        import_apart("matplotlib", "matplotlibrc")
     from sparse_coord_ros.studies.report import write_report
 
     return write_report

@@ -15,7 +15,7 @@ PAGES = sorted(
         *ROOT.glob("examples/*.md"),
         *ROOT.glob("docs/**/*.md"),
     ]
-    if not {"_build", "generated"} & set(path.parts)
+    if not {"_build", "generated", "tables"} & set(path.parts)
 )
 
 

@@ -104,7 +104,7 @@ def test_the_documentation_lists_the_settings():
         f"| {name} | {setting.default} | {setting.allowed} | {setting.help} |"
         for name, setting in SETTINGS.items()
     ]
-    text = (Path(__file__).parents[2] / "docs" / "settings.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "commands.md").read_text()
     assert "\n".join(["|---|---|---|---|", *rows, ""]) in text, "\n".join(rows)
 
 

@@ -478,7 +478,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     )
     wait_for(tab, f"{titles}.length === 2")
     shown = tab.evaluate(titles)
-    assert shown[0].startswith("Athe paper's learner") and "ask_cost=0" in shown[0]
+    assert shown[0].startswith("Acoop") and "ask_cost=0" in shown[0]
     assert shown[1].startswith("B")
     state = "document.getElementById('state').textContent"
     click(tab, "pause")

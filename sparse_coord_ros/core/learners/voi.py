@@ -30,7 +30,7 @@ lose patience: see `patience`.
 
 This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
 max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
-docs/coordination.md derives each line.
+docs/learners.md derives each line.
 """
 
 from dataclasses import replace
@@ -101,7 +101,6 @@ class Voi(Learner):
     """Algorithm 1 with the value of information."""
 
     name = "voi"
-    title = "Value of information"
     summary = "asks where knowing its peers' cells is worth more than a question costs"
     partners = True
     slow = 10

@@ -5,7 +5,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.version import __version__
@@ -84,6 +84,8 @@ class BagWriter:
             chunk_size=self._chunk_size,
             compression=CompressionType.ZSTD,
             enable_data_crcs=True,
+            # no attachments: `pymcap-cli doctor` takes an index without entries for damage
+            index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}

@@ -261,10 +261,7 @@ def titles_of(runs: Sequence[RunConfig]) -> list[str]:
 
     It is its learner's; where two learners are the same, with the scenario and its settings.
     """
-    names = [
-        "the paper's learner" if run.rule.name == "coop" else str(run.rule.name)
-        for run in runs
-    ]
+    names = [run.learner for run in runs]
     titles: list[str] = []
     for run, name in zip(runs, names, strict=True):
         others = [one for one, same in zip(runs, names, strict=True) if same == name]

@@ -7,6 +7,7 @@ one before of its type: the page needs only the newest of each.
 """
 
 from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -16,6 +17,7 @@ from sparse_coord_ros.base import palette
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
@@ -26,7 +28,6 @@ from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
 from sparse_coord_ros.core.solve.shipped import known_optimum, yardsticks
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.core.solve.verdict import verdict_on
-from sparse_coord_ros.lab.maps.image import under
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion
 from sparse_coord_ros.protocol.wire import PerceptEnd
@@ -95,7 +96,7 @@ def run_fields(run: RunConfig) -> Message:
                 name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
             },
             "doorways": sorted(grid.doorways),
-            "under": under(grid),
+            "under": _floor_plan_under(grid),
         },
         "robots": [
             {
@@ -106,6 +107,17 @@ def run_fields(run: RunConfig) -> Message:
             for k, robot in enumerate(scenario.robots)
         ],
     }
+
+
+def _floor_plan_under(grid: GridMap) -> Message | None:
+    """Return the floor plan under a map, as a picture; None without one, or the extra `maps`."""
+    if grid.resolution is None:
+        return None
+    with suppress(ImportError):
+        from sparse_coord_ros.lab.maps.image import under
+
+        return under(grid)
+    return None
 
 
 def frame_fields(

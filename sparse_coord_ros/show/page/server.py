@@ -28,15 +28,14 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     SparseCoordError,
     in_line,
-    needed,
+    packages_needed,
 )
 from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.show.page.controls import HOST, LOOK, PORT, parse_control
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
-_REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
-with needed("the page needs the Python package aiohttp", _REMEDY):
+with packages_needed():
     from aiohttp import WSMsgType, http_exceptions, web
 
 MOST_PAGES = 32

@@ -8,7 +8,6 @@ import logging
 import re
 import socket
 import struct
-import sys
 import threading
 import time
 from contextlib import ExitStack, suppress
@@ -487,18 +486,6 @@ def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsy
     assert main(["watch", str(tmp_path), "--port", "0"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ") and "is not a bag" in line
-
-
-@pytest.mark.parametrize(
-    "verb", ["watch", "watch BAG", "train env1 --watch", "run env1 --watch"]
-)
-def test_without_aiohttp_one_line_says_what_to_install(verb, bag, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.page.server")
-    assert main(verb.replace("BAG", str(bag)).split()) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: the page needs the Python package aiohttp")
-    assert line.endswith("sudo apt install python3-aiohttp")
 
 
 @pytest.mark.parametrize("name", ["index.html", "compare.html", "import.html"])
