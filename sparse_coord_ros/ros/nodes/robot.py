@@ -357,8 +357,6 @@ class RobotNode(Follower):
     def report(self) -> None:
         """Publish the progress of learning, and the cells in which the robot would ask."""
         step = self.lockstep.newest[0]
-        if not self.joined:
-            self._say_progress()  # again: the world may not have been there, or not have heard it
         if self.joined and step == NO_STEP:
             self.remind(self.reminder, "the world to begin")
         elif self.joined:
