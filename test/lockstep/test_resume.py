@@ -146,12 +146,14 @@ def attempts(steps, checkpoint=0, **said):
         ([40, 0], {"robot_1": (0,), "robot_2": (40, 0)}, 0),
         ([80, 40, 0], {"robot_1": (), "robot_2": (80, 40, 0)}, 80),
         ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: (40, 0)}, 40),
-        ([120, 80, 40, 0], {"robot_1": (120, 80, 40, 0), RECORDER: (0,)}, 120),
+        ([120, 80, 40, 0], {"robot_1": (120, 80, 40, 0), RECORDER: (0,)}, 0),
+        ([9000, 6000, 3000, 0], {"robot_1": (9000, 6000, 3000), RECORDER: (0,)}, 9000),
         ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: ()}, 80),
     ],
     ids=[
         *("all", "one died while it saved", "the first one is missing"),
-        *("one learns nothing", "a recorder lags", "a recorder comes late"),
+        *("one learns nothing", "a recorder lags", "a recorder lags far"),
+        "the world has gone on without a recorder",
         "a new recorder",
     ],
 )

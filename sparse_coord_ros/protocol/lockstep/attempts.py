@@ -29,7 +29,7 @@ CHECKPOINTS_BEHIND = TABLES_DEPTH // 2
 """It also waits for one that is so many checkpoints behind: publishers keep twice as many."""
 
 KEPT_COMMON = 3
-"""Number of the newest common checkpoints that all nodes keep, until a recorder has come back."""
+"""Number of the newest common checkpoints that all nodes keep."""
 
 
 class WorldAttempts:
@@ -98,13 +98,26 @@ class WorldAttempts:
     def common(self) -> list[int]:
         """Return the steps of the newest common checkpoints of world and robots, the newest first.
 
-        There are `KEPT_COMMON` at most, and one at least.
+        There are `KEPT_COMMON` at most, and one at least; more if a recorder is behind: they go
+        back to the newest checkpoint that its bag has, unless the world has gone on without it.
         """
-        steps = set(self._store.steps())
+        steps = {BEGINNING, *self._store.steps()}
         for node, said in self.said.items():
             if node != RECORDER and said.checkpoints:
-                steps &= set(said.checkpoints)
-        return sorted({*steps, BEGINNING}, reverse=True)[:KEPT_COMMON]
+                steps &= {BEGINNING, *said.checkpoints}
+        newest = max(steps)
+        recorder = self.said.get(RECORDER, Progress())
+        reach = newest - self._most_behind - self._checkpoint
+        recorded = [step for step in recorder.checkpoints if step in steps]
+        last = max(recorded, default=newest)
+        if last < reach:
+            last = newest
+        common = sorted(steps, reverse=True)
+        return [
+            step
+            for number, step in enumerate(common)
+            if number < KEPT_COMMON or step >= last
+        ]
 
     @property
     def oldest(self) -> int:
