@@ -15,8 +15,9 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/runs
 	@$(BIN)/python -m tools.demo $(RUN)
 
+# Three processes on two cores: tests of nodes wait for one another.
 test: $(VENV)/tests
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # Slow checks: every command of the documentation, long runs, fuzzing.
 check-long: $(VENV)/tests

@@ -225,7 +225,7 @@ class Runs(list[Training]):
             SettingError: there is no such curve.
         """
         with packages_needed():
-            from sparse_coord_ros.show.mean_curves import curves_figure
+            from sparse_coord_ros.show.figures import curves_figure
         for name in names:
             check_choice("curve", name, CURVES)
         one = self[0]
@@ -592,7 +592,7 @@ def plot(
         SettingError: `x` has only one value, or the measure is unknown.
     """
     with packages_needed():
-        from sparse_coord_ros.studies.figures import swept_figure
+        from sparse_coord_ros.studies.experiment_figures import swept_figure
     return swept_figure(listed(results), x, measures)
 
 

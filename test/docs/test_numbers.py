@@ -13,6 +13,7 @@ that scenario; under the name of a learner, in the rows of this learner.
 import csv
 import importlib.util
 import inspect
+import math
 import re
 from pathlib import Path
 
@@ -109,3 +110,39 @@ def test_the_example_to_recompute():
     for name, values in rows.items():
         shown = " | ".join(f"{value:.2f}" for value in values)
         assert f"| {name} | {shown} |" in LEARNERS_PAGE
+
+
+def test_how_many_rows_of_the_paper_agree():
+    """By three standard errors: the paper's are of 1,000 trials, rounded to a decimal."""
+    said = {}
+    for name, measures in (
+        ("table1", ["returns"]),
+        ("table2", ["time_to_goal", "miscoordinations"]),
+        ("table3", ["returns"]),
+    ):
+        with (TABLES / f"{name}.csv").open(newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row["paper_returns"]]
+        for measure in measures:
+            apart = [
+                abs(float(r[measure]) - float(r[f"paper_{measure}"])) for r in rows
+            ]
+            errors = [
+                math.hypot(
+                    float(r[f"{measure}_error"]),
+                    float(r[f"paper_{measure}_spread"]) / math.sqrt(1000),
+                )
+                for r in rows
+            ]
+            agree = sum(a <= 3 * e + 0.05 for a, e in zip(apart, errors, strict=True))
+            said[name, measure] = (agree, len(rows))
+    page = " ".join((ROOT / "docs/paper.md").read_text("utf-8").split())
+    assert "{} of {} in Table 1".format(*said["table1", "returns"]) in page
+    assert "{} of {} in Table 3".format(*said["table3", "returns"]) in page
+    assert (
+        "All {} times to the goal agree".format(said["table2", "time_to_goal"][0])
+        in page
+    )
+    assert (
+        "and {} of {} [miscoordinations]".format(*said["table2", "miscoordinations"])
+        in page
+    )

@@ -21,7 +21,7 @@ from sparse_coord_ros.show.charts import (
     rendered,
 )
 from sparse_coord_ros.studies.catalogue import NAMES, REPORTED_LEARNERS, experiment
-from sparse_coord_ros.studies.figures import (
+from sparse_coord_ros.studies.experiment_figures import (
     MEASURABLE,
     asked_maps,
     figures_of,

@@ -5,7 +5,6 @@
 import csv
 import io
 import math
-from pathlib import Path
 
 import pytest
 from made_up_results import PLAN, made_up, result_of
@@ -15,8 +14,6 @@ from sparse_coord_ros.core.runs.measures import MEASURES
 from sparse_coord_ros.studies.catalogue import NAMES, experiment
 from sparse_coord_ros.studies.compared import paper
 from sparse_coord_ros.studies.report import to_csv, to_markdown, write_report
-
-DOCS = Path(__file__).parents[2] / "docs"
 
 
 def results_of(name, changes=()):
@@ -128,18 +125,3 @@ def test_what_is_written(tmp_path):
     png = (tmp_path / "a/figures/penalty100.png").read_bytes()
     assert png.startswith(b"\x89PNG\r\n\x1a\n") and b"Software" not in png
     assert PLAN.runs == next(iter(found.values())).runs
-
-
-@pytest.mark.parametrize("name", ["table1", "table3"])
-def test_the_page_has_the_numbers_of_its_file(name):
-    """Of docs/paper.md and docs/tables: learned returns with their errors."""
-    with (DOCS / f"tables/{name}.csv").open(newline="") as file:
-        records = list(csv.DictReader(file))
-    page = (DOCS / "paper.md").read_text("utf-8")
-    section = page.split(f"\n## Table {name[-1]}:")[1].split("\n\n![")[0]
-    rows = {row["scenario"]: row for row in table_of("|" + section.split("\n|", 1)[1])}
-    assert len(records) == 4 * len(rows)
-    for one in records:
-        mean = float(one["returns"])
-        error = float(one["returns_error"])
-        assert rows[one["scenario"]][one["learner"]] == f"{mean:.2f} ({error:.2f})"

@@ -24,7 +24,7 @@ from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.figures import results_figure
+from sparse_coord_ros.studies.experiment_figures import results_figure
 from sparse_coord_ros.studies.store import open_results
 
 
@@ -110,6 +110,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", SHAPES)
 def test_nothing_overlaps_on_wide_and_tall_maps(shape, tmp_path):
     """Titles, labels, legends, maps, scales and curves of the whole figure."""

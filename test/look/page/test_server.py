@@ -24,7 +24,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.shipped import unseen_buildings, yardsticks
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.controls import (
     NEXT,
     PAUSE,
@@ -65,7 +65,11 @@ def board():
     made = MessageBoard()
     run = make_run(load_scenario("env1"), {})
     made.put(
-        "run", source="bag", title="a bag", controls=ALL, **messages.run_fields(run)
+        "run",
+        source="bag",
+        title="a bag",
+        controls=ALL,
+        **page_messages.run_fields(run),
     )
     return made
 
