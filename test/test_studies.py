@@ -41,7 +41,7 @@ RUNS = {
     "when.py": (
         "--maps isr unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv "
         "--figure when.png",
-        "| best asking team found | share of the gap |",
+        "| best asking team found | share |",
     ),
     "where.py": (f"--scenarios env2-4r {TINY}", "asked near"),
 }
