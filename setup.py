@@ -57,26 +57,22 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
-        "setuptools",
         "numpy",
-        "scipy",
         "PyYAML",
         "mcap>=1.6,<2",
-        "lz4",
-        "zstandard",
         "mcap-ros2-support",
-        "matplotlib",
-        "pandas",
-        "pillow",
-        "tqdm",
-        "aiohttp>=3.8",
-        "argcomplete>=3",
     ],
     extras_require={
         # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
+        # Pictures and films, data frames, the report of `reproduce`.
+        "plots": ["matplotlib", "pandas"],
+        # The page of `watch`.
+        "page": ["aiohttp>=3.8"],
+        # `import-map`, and the floor plan under a map.
+        "maps": ["scipy", "pillow"],
         # Sweeps on a cluster (--scheduler).
         "cluster": ["distributed>=2024.1"],
         # Scenarios as environments for learners that others wrote.
@@ -84,6 +80,8 @@ setup(
         # What examples/pettingzoo_learners.py compares with.
         "examples": ["pettingzoo>=1.24", OPEN_SPIEL],
         "test": [
+            f"{PACKAGE}[plots,page,maps]",
+            "argcomplete>=3",
             "distributed>=2024.1",
             "hypothesis",
             OPEN_SPIEL,
@@ -100,7 +98,6 @@ setup(
             "mypy",
             "import-linter>=2.5",
             "types-PyYAML",
-            "types-tqdm",
             "pandas-stubs",
         ],
         # The documentation as pages (make docs), and how much of the code the tests run.

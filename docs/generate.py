@@ -144,10 +144,7 @@ def _scenario(scenario, results):
     rows = []
     for (penalty, steps), own in results.groupby(["penalty", "steps"], sort=False):
         where = [f"{penalty:g}", f"{steps:,}"]
-        rows += [
-            [learner_of(row.learner).title, *where, *_measures(row)]
-            for _, row in own.iterrows()
-        ]
+        rows += [[row.learner, *where, *_measures(row)] for _, row in own.iterrows()]
     known = []
     for penalty in PENALTIES:
         game = sc.load_scenario(name, penalty=penalty)
@@ -225,7 +222,7 @@ def _learner(rule, results):
     ]
     table = _table(["scenario", "penalty", "steps", *HEAD], rows)
     learned = f"## What it learned\n\n{MEANS}\n\n{table}"
-    return f"""# {rule.title}
+    return f"""# {rule.label}
 
 {rule.summary}.
 

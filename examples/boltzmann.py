@@ -22,7 +22,6 @@ class Boltzmann(sc.Coop):
     """Algorithm 1 that explores by the Boltzmann policy."""
 
     name = "boltzmann"
-    title = "Boltzmann"
     summary = "Algorithm 1 that explores by the Boltzmann policy"
 
     @staticmethod

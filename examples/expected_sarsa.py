@@ -18,7 +18,6 @@ class ExpectedSarsa(sc.Coop):
     """Algorithm 1 with the update of expected SARSA."""
 
     name = "expected_sarsa"
-    title = "Expected SARSA"
     summary = "Algorithm 1 that bootstraps on the policy it follows"
 
     @staticmethod

@@ -14,7 +14,6 @@ class Careful(sc.Coop):
     """Algorithm 1, but r^C counts once for each robot that it harms."""
 
     name = "careful"
-    title = "Careful"
     summary = "Algorithm 1 with r^C times the number of robots"
 
     def weights(self, scenario):

@@ -22,7 +22,6 @@ class UCB(sc.Coop):
     """Algorithm 1 that explores by upper confidence bounds."""
 
     name = "ucb"
-    title = "UCB"
     summary = "Algorithm 1 that explores by upper confidence bounds"
 
     @staticmethod

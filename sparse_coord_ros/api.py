@@ -21,7 +21,7 @@ from sparse_coord_ros.base.errors import (
     TablesError,
     check_argument,
     check_choice,
-    needed,
+    packages_needed,
     wrong_argument,
 )
 from sparse_coord_ros.base.files import path_argument
@@ -182,10 +182,6 @@ def _in_html(run: "Training | SavedRun") -> str:
 Training._repr_html_ = _in_html  # type: ignore[attr-defined]  # the engine knows no pictures
 
 
-PLOTS = "pip install pandas matplotlib"
-"""What plots need."""
-
-
 class Runs(list[Training]):
     """Learning runs of one learner in one scenario, as `train_many` returns them: a list."""
 
@@ -228,13 +224,13 @@ class Runs(list[Training]):
         Raises:
             SettingError: there is no such curve.
         """
-        with needed("plots need pandas and Matplotlib", PLOTS):
-            from sparse_coord_ros.show.mean_curves import curves_figure
+        with packages_needed():
+            from sparse_coord_ros.show.figures import curves_figure
         for name in names:
             check_choice("curve", name, CURVES)
         one = self[0]
         game = f"{one.scenario.name}, penalty {one.scenario.penalty:g}"
-        title = f"{one.learner.title}, {game}: {len(self)} runs; band: a standard error"
+        title = f"{one.learner.label}, {game}: {len(self)} runs; band: a standard error"
         return curves_figure(self.history, names, title)
 
 
@@ -595,8 +591,8 @@ def plot(
     Raises:
         SettingError: `x` has only one value, or the measure is unknown.
     """
-    with needed("plots need pandas and Matplotlib", PLOTS):
-        from sparse_coord_ros.studies.figures import swept_figure
+    with packages_needed():
+        from sparse_coord_ros.studies.experiment_figures import swept_figure
     return swept_figure(listed(results), x, measures)
 
 

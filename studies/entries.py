@@ -64,7 +64,6 @@ class Always(sc.Coop):
     begins at the values of a robot alone.)
     """
 
-    title = "Always asks"
     summary = "Algorithm 1 that asks in each step"
 
     def check(self, scenario):
@@ -113,7 +112,6 @@ class Gate(sc.Coop):
         Q*(x, ask)   <- max_b Q^C(x, z, b) - cost    likewise
     """
 
-    title = "Joint-state Q, gated"
     summary = "joint-state Q-learning that asks where the answer is worth its cost"
     needs_map = True
     defaults = MappingProxyType(
@@ -186,7 +184,6 @@ class GPCQ(sc.CQ):
     greedy moves and updates are these, bit for bit. Windows and marks are those of our `cq`.
     """
 
-    title = "GPCQ-learning"
     summary = (
         "CQ-learning that bootstraps on marked joint states (Kujirai & Yokota, 2019)"
     )

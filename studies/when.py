@@ -3,7 +3,8 @@
 """When should robots coordinate? The study of docs/when.md.
 
 python studies/when.py [--maps NAME...] [--runs N] [--seed N] [--out FILE.csv] [--figure FILE.png]
-python studies/when.py --found FILE.csv --figure FILE.png
+    [--tables FOLDER]
+python studies/when.py --found FILE.csv --figure FILE.png --tables FOLDER
 python studies/when.py --advice --runs 6 --seed 6100000
 
 Teams that know their map learn on many maps, at several penalties, costs of a question and
@@ -13,14 +14,15 @@ square of the chance of an answer. (Two robots see each other if both are answer
 teams the gain ends at robots alone in the world.)
 
 Tables in Markdown have, by the possible gain, the questions of a robot in an episode, and the
-share of the gap from shortest paths to the joint optimum that teams close: pooled, in questions,
-with a bootstrap over maps as standard error. `--found` prints them of an earlier file. `--advice`
+share of the possible gain that teams win: pooled, in questions, with a bootstrap over maps as
+standard error. `--found` prints them of an earlier file. `--advice`
 uses buildings by which no threshold of the advice was chosen, and has a table by what the advice
 said beforehand. The CSV file has each condition.
 """
 
 import argparse
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -205,7 +207,7 @@ def line_of(part: str, result) -> str:
     """Return the line of the tables to which a condition belongs."""
     robots = len(result.scenario.robots)
     if part in ("learners", "all costs"):
-        return result.learner.title
+        return result.learner.label
     if robots > 2:
         return f"{robots} robots"
     return part
@@ -268,7 +270,7 @@ def measure(study, options) -> pd.DataFrame:
             if options.maps and name not in options.maps:
                 continue
             scenario = sc.load_scenario(name, prior="map", steps=options.steps)
-            print(f"{part}: {name}", flush=True)
+            print(f"{part}: {name}", file=sys.stderr, flush=True)
             swept = sc.sweep(
                 scenario,
                 over,
@@ -327,23 +329,36 @@ def averages(found: pd.DataFrame, by: str) -> pd.DataFrame:
     return pd.DataFrame(rows, index=groups.groups.keys())
 
 
-def print_tables(found: pd.DataFrame) -> None:
-    """Print the tables of docs/when.md."""
+def print_tables(found: pd.DataFrame, folder: str | None) -> None:
+    """Print the tables of docs/when.md, or write them."""
     nothing = found["gap"] <= TINY
     own = found[(found["part"] == "all costs") & ~found["line"].isin([BEST, ALWAYS])]
     none = (own["gap"] <= TINY).sum()
-    print(f"\nNothing can be won in {none} of {len(own)} conditions of pairs.\n")
+    print(f"Nothing can be won in {none} of {len(own)} conditions of pairs.")
     beside = found["part"].isin(["learners", "all costs"])
-    print_table(found[beside & ~nothing], "line", ("questions", "share"))
-    print_table(own[own["gap"] > TINY], "kind", ("share",))
-    print_table(found[~beside & ~nothing], "line", ("questions", "share"))
+    both = ("questions", "share")
+    tables = {
+        "when": table_of(found[beside & ~nothing], "line", both),
+        "when_kinds": table_of(own[own["gap"] > TINY], "kind", ("share",)),
+        "when_others": table_of(found[~beside & ~nothing], "line", both),
+    }
+    put(tables, folder)
 
 
-def print_table(found: pd.DataFrame, by: str, measures: tuple[str, ...]) -> None:
-    """Print a table in Markdown: lines or kinds of building by the possible gain."""
+def put(tables: dict[str, str], folder: str | None) -> None:
+    """Write tables as Markdown into a folder; None: print them."""
+    for name, text in tables.items():
+        if folder is None:
+            print(f"\n{text}", end="")
+        else:
+            (Path(folder) / f"{name}.md").write_text(text, "utf-8")
+
+
+def table_of(found: pd.DataFrame, by: str, measures: tuple[str, ...]) -> str:
+    """Return a table in Markdown: lines or kinds of building by the possible gain."""
     table = averages(found, by)
-    print(f"\n| {by} | measure | " + " | ".join(HEADS) + " | failed teams |")
-    print("| :-- | :-- |" + " --: |" * (len(HEADS) + 1))
+    heads = [by, "measure", *HEADS, "failed teams"]
+    lines = [heads, [":--", ":--", *["--:"] * (len(heads) - 2)]]
     for name, own in table.groupby(level=0, sort=False):
         own = own.droplevel(0)
         teams = own["teams"].sum()
@@ -354,8 +369,13 @@ def print_table(found: pd.DataFrame, by: str, measures: tuple[str, ...]) -> None
                 for head in HEADS
             ]
             if any(cell != "-" for cell in cells):
-                said = "share of the gap" if measure == "share" else measure
-                print("| " + " | ".join([name, said, *cells, failed]) + " |")
+                lines.append([name, measure, *cells, failed])
+    return in_markdown(lines)
+
+
+def in_markdown(lines: list[list[str]]) -> str:
+    """Return a table in Markdown."""
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def in_words(own: pd.Series, measure: str) -> str:
@@ -377,7 +397,7 @@ def draw(found: pd.DataFrame, file: str) -> None:
     table = averages(beside[beside["gap"] > TINY], "line")
     figure = Figure(figsize=(8, 7), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    main = learner_of(LEARNER).title
+    main = learner_of(LEARNER).label
     for number, (line, own) in enumerate(table.groupby(level=0, sort=False)):
         own = own.sort_values("gain")
         style = {
@@ -396,7 +416,7 @@ def draw(found: pd.DataFrame, file: str) -> None:
                 **style,
             )
     upper.set(ylabel="questions of a robot in an episode", ylim=(-0.1, 4))
-    lower.set(ylabel="share of the gap to the joint optimum", ylim=(-0.6, 1.05))
+    lower.set(ylabel="share of the possible gain", ylim=(-0.6, 1.05))
     lower.set(xscale="log", xlim=(0.03, 1000))
     lower.set(xlabel="possible gain, in questions (log scale)")
     ticks = [0.1, 1, 10, 100, 1000]
@@ -408,19 +428,18 @@ def draw(found: pd.DataFrame, file: str) -> None:
     figure.savefig(file, dpi=110)
 
 
-def print_advice(found: pd.DataFrame) -> None:
-    """Print how teams stand by what the advice said beforehand."""
-    heads = ("condition", "advice", "buildings", "conditions", "close half of the gap")
-    heads += ("questions", "advice right", "failed teams")
-    print("\n| " + " | ".join(heads) + " |")
-    print("| :-- |" + " --: |" * (len(heads) - 1))
+def advice_table(found: pd.DataFrame) -> str:
+    """Return how teams stand by what the advice said beforehand."""
+    heads = ["condition", "advice", "buildings", "conditions", "win half", "questions"]
+    heads += ["advice right", "failed teams"]
+    lines = [heads, [":--", *["--:"] * (len(heads) - 1)]]
     groups = found[found["gap"] > TINY].groupby(["line", "advice"], sort=False)
     for (line, said), conditions in groups:
         own = pooled(conditions)
         cells = [line, said, f"{own['maps']:.0f}", f"{own['conditions']:.0f}"]
         cells += [in_words(own, name) for name in ("close_half", "questions", "right")]
-        cells.append(f"{own['failed']:.0f} of {own['teams']:.0f}")
-        print("| " + " | ".join(cells) + " |")
+        lines.append([*cells, f"{own['failed']:.0f} of {own['teams']:.0f}"])
+    return in_markdown(lines)
 
 
 def main() -> None:
@@ -438,6 +457,7 @@ def main() -> None:
     parser.add_argument("--found", metavar="FILE.csv", help="an earlier --out")
     parser.add_argument("--out", metavar="FILE.csv", help="a row for each condition")
     parser.add_argument("--figure", metavar="FILE.png")
+    parser.add_argument("--tables", metavar="FOLDER", help="write the tables there")
     options = parser.parse_args()
     if options.found:
         found = pd.read_csv(options.found)
@@ -448,9 +468,9 @@ def main() -> None:
     if options.out:
         found.to_csv(options.out, index=False)
     if options.advice:
-        print_advice(found)
+        put({"advice": advice_table(found)}, options.tables)
         return
-    print_tables(found)
+    print_tables(found, options.tables)
     if options.figure:
         draw(found, options.figure)
 

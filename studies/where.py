@@ -3,11 +3,11 @@
 """Where on the map do robots ask? The study of docs/paper.md's central claim.
 
 python studies/where.py [--scenarios NAME...] [--learner NAME] [--runs N] [--trials N] [--steps N]
-    [--seed N] [--out RESULTS]
+    [--seed N] [--out RESULTS] > docs/tables/where.md
 
-The table has, at a penalty of -100, the questions of a robot in an episode, and the share of
-them that it asks near a doorway, at most two moves away; beside it the share of their time that
-robots spend there, and the share of the cells there. With `--out` the results are kept:
+The table, in Markdown, has, at a penalty of -100, the questions of a robot in an episode, and the
+share of them that it asks near a doorway, at most two moves away; beside it the share of their
+time that robots spend there, and the share of the cells there. With `--out` the results are kept:
 `sparse_coord plot RESULTS --what asks` draws the maps.
 """
 
@@ -15,10 +15,10 @@ import argparse
 import sys
 
 import numpy as np
-import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
+from sparse_coord_ros.base.percents import percent
 
 NEAR = 2
 SCENARIOS = ["env1", "env2-2r", "env2-4r", "cit", "cmu", "isr", "mit", "pentagon"]
@@ -48,7 +48,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", help="results directory")
     options = parser.parse_args()
-    rows = []
+    heads = ["scenario", "asks", "asked near", "time near", "cells near"]
+    print("| " + " | ".join(heads) + " |\n| :-- |" + " --: |" * (len(heads) - 1))
     for name in options.scenarios:
         [result] = sc.sweep(
             sc.load_scenario(name, steps=options.steps),
@@ -63,15 +64,15 @@ def main() -> None:
         measures = result.measures
         asked = measures.asked
         stays = measures.stays
-        row = {"scenario": name, "asks": measures.mean("asks")}
-        row["s.e."] = measures.error("asks")
-        row["asked near"] = asked[:, near].sum() / (asked.sum() or np.nan)
-        row["time near"] = stays[:, near].sum() / stays.sum()
-        row["cells near"] = near.mean()
-        row["return"] = measures.mean("returns")
-        row["shortest paths"] = result.shortest_paths.mean("returns")
-        rows.append(row)
-    print(pd.DataFrame(rows).round(3).to_string(index=False))
+        asked_near = asked[:, near].sum() / (asked.sum() or np.nan)
+        cells = [
+            name,
+            f"{measures.mean('asks'):.2f} ({measures.error('asks'):.2f})",
+            "-" if np.isnan(asked_near) else percent(asked_near),
+            percent(stays[:, near].sum() / stays.sum()),
+            percent(near.mean()),
+        ]
+        print("| " + " | ".join(cells) + " |", flush=True)
 
 
 # plain Python learns in processes, which import this file again

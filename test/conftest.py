@@ -3,6 +3,7 @@
 """What all tests share: a ROS domain of their own, and nothing left behind."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -106,7 +107,11 @@ def pytest_configure(config):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     if not hasattr(config, "workerinput"):
-        kept = str(config.cache.mkdir("compiled"))
+        if hasattr(config, "cache"):
+            kept = str(config.cache.mkdir("compiled"))
+        else:  # -p no:cacheprovider
+            kept = tempfile.mkdtemp(prefix="sparse_coord_compiled_")
+            config.add_cleanup(lambda: shutil.rmtree(kept, ignore_errors=True))
         os.environ.setdefault(FOLDER_VARIABLE, kept)
         os.environ.setdefault("NUMBA_CACHE_DIR", os.environ[FOLDER_VARIABLE])
         os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{kept}/hypothesis"

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The end of `make demo`: where a browser can be seen it opens, elsewhere one line is printed."""
+"""`make demo`: one screen, and a page where a browser can be seen."""
 
 import sys
 import webbrowser
@@ -40,27 +40,17 @@ def test_without_a_browser_no_page_opens(monkeypatch):
     assert not demo.can_open(SEEN, terminal=True)
 
 
-@pytest.fixture
-def started(monkeypatch):
-    """Return the commands that the demo has run."""
-    found = []
-    run = lambda command, check: found.append(command)  # noqa: E731
-    monkeypatch.setattr(demo.subprocess, "run", run)
-    monkeypatch.setattr(sys, "argv", ["demo", "runs/a", "runs/b"])
-    return found
-
-
-def test_in_a_pipeline_the_demo_prints_one_line_and_ends(started, capsys):
-    demo.main()
-    [line] = capsys.readouterr().out.splitlines()
-    assert line.endswith("sparse_coord watch runs/a runs/b --browser")
-    assert started == []
-
-
-def test_at_a_terminal_the_demo_opens_the_page_and_ends_with_it(started, monkeypatch):
-    monkeypatch.setattr(demo, "can_open", lambda environment, terminal: True)
-    demo.main()
-    [[program, *words]] = started
-    assert program.endswith("sparse_coord")
-    opens = ["--port", "0", "--browser"]
-    assert words == ["watch", "runs/a", "runs/b", *opens]
+@pytest.mark.long
+def test_a_short_demo_fits_on_a_screen_and_says_what_to_do_next(python, tmp_path):
+    out = str(tmp_path / "demo")
+    lines = python("-m", "tools.demo", out, "--steps", 300).stdout.splitlines()
+    assert 24 <= len(lines) <= 40
+    for question in (
+        "Did they learn?",
+        "How good is",
+        "What did it cost?",
+        "What next?",
+    ):
+        assert any(line.startswith(question) for line in lines), question
+    place = lines.index("What next?")
+    assert f"watch {out} {out}_voi --browser" in lines[place + 1]

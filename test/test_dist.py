@@ -131,7 +131,7 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
         pytest.skip(f"no Python {version} here")
     own = tmp_path / "environment"
     subprocess.run([interpreter, "-m", "venv", own], check=True)
-    pip_install(own, f"{wheel}[ros,fast]")
+    pip_install(own, f"{wheel}[ros,fast,plots,page]")
     # of the tests' ROS
     ours = (
         "PYTHONPATH",

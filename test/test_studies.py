@@ -41,7 +41,7 @@ RUNS = {
     "when.py": (
         "--maps isr unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv "
         "--figure when.png",
-        "| best asking team found | share of the gap |",
+        "| best asking team found | share |",
     ),
     "where.py": (f"--scenarios env2-4r {TINY}", "asked near"),
 }
@@ -73,13 +73,20 @@ def study(python, tmp_path):
     return run
 
 
-@pytest.mark.parametrize("name", RUNS)
+QUICK = ("scale.py", "stand_offs.py", "where.py")
+SCRIPTS = [
+    pytest.param(name, marks=[pytest.mark.long] * (name not in QUICK)) for name in RUNS
+]
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
 def test_a_study_runs(name, study, tmp_path):
     shutil.copytree(ROOT / "config", tmp_path / "config")
     words, said = RUNS[name]
     assert said in study(STUDIES / name, words).stdout
 
 
+@pytest.mark.long
 def test_the_leaderboard_tunes_and_judges(study, tmp_path):
     """The best of twenty protocols stands in the file that the leaderboard reads."""
     for name in ("leaderboard.py", "entries.py"):

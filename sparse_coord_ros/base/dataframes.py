@@ -5,7 +5,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
-from sparse_coord_ros.base.errors import needed
+from sparse_coord_ros.base.errors import packages_needed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,6 +21,6 @@ def data_frame(columns: Columns) -> "pd.DataFrame":
     Raises:
         RunError: pandas is not installed.
     """
-    with needed("a data frame needs pandas", "pip install pandas, or use the arrays"):
+    with packages_needed():
         import pandas
     return pandas.DataFrame(dict(columns))

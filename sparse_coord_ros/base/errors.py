@@ -100,8 +100,17 @@ def needed(what: str, remedy: str) -> Iterator[None]:
         raise RunError(f"{what} ({error}); {remedy}") from None
 
 
-INSTALLED_AS = {"PIL": "pillow", "yaml": "PyYAML"}
+INSTALLED_AS = {"PIL": "pillow", "yaml": "PyYAML", "mcap_ros2": "mcap-ros2-support"}
 """What one installs, where it has another name than what one imports."""
+
+EXTRAS = {
+    "plots": ("matplotlib", "pandas"),
+    "page": ("aiohttp",),
+    "maps": ("scipy", "pillow"),
+    "cluster": ("distributed",),
+    "pettingzoo": ("pettingzoo", "gymnasium"),
+}
+"""The packages that an extra of setup.py brings, and that its features import."""
 
 
 def missing_package(error: ImportError) -> RunError | None:
@@ -110,9 +119,24 @@ def missing_package(error: ImportError) -> RunError | None:
         return None
     name = error.name.partition(".")[0]
     package = INSTALLED_AS.get(name, name)
-    return RunError(
-        f"this needs the Python package {package} ({error}): pip install {package}"
-    )
+    remedy = f"pip install {package}"
+    for extra, packages in EXTRAS.items():
+        if package in packages:
+            remedy = f"pip install {' '.join(packages)} (the extra '{extra}')"
+    return RunError(f"this needs the Python package {package} ({error}): {remedy}")
+
+
+@contextmanager
+def packages_needed() -> Iterator[None]:
+    """Import packages of an extra.
+
+    Raises:
+        RunError: one is missing; it says what to install.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise missing_package(error) or error from None
 
 
 @contextmanager

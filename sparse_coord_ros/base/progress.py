@@ -5,15 +5,65 @@
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
 from sparse_coord_ros.base.errors import SettingError, in_short
 
 SHOWN_AFTER = 2.0
 """Seconds of work before a bar appears."""
 
+DRAWN_AFTER = 0.1
+"""Seconds between two drawings of a moving line."""
+
 Show = bool | Callable[..., None]
 """The argument `progress`: True: a bar; False: nothing; a function: called instead."""
+
+
+class MovingLine:
+    """A line on stderr that is drawn over itself, where someone watches.
+
+    Args:
+        unit: the counted unit.
+
+    Attributes:
+        watched: whether stderr is a terminal or a notebook; elsewhere nothing is drawn.
+    """
+
+    def __init__(self, unit: str) -> None:
+        self.watched = sys.stderr.isatty() or "ipykernel" in sys.modules
+        self._unit = unit
+        self._first: tuple[int, float] | None = None
+        self._drawn_at = 0.0
+        self._length = 0
+
+    def words(self, done: int, total: int, name: str = "") -> tuple[str, str]:
+        """Return the count in words, and the time left at the pace since the first count."""
+        now = time.monotonic()
+        if self._first is None:
+            self._first = done, now
+        made = done - self._first[0]
+        left = ""
+        if made > 0:
+            seconds = (now - self._first[1]) / made * (total - done)
+            left = f", about {in_time(seconds)} left"
+        return f"{name} {done:,} of {total:,} {self._unit}".lstrip(), left
+
+    def show(self, text: str) -> None:
+        """Draw a text, if the one before has stood long enough."""
+        if not self.watched or time.monotonic() - self._drawn_at < DRAWN_AFTER:
+            return
+        self._write(text)
+        self._drawn_at = time.monotonic()
+
+    def close(self) -> None:
+        """Leave an empty line."""
+        if self._length:
+            self._write("")
+
+    def _write(self, text: str) -> None:
+        blank = " " * (self._length - len(text))
+        end = "\r" if not text else ""
+        print(f"\r{text}{blank}{end}", end="", file=sys.stderr, flush=True)
+        self._length = len(text)
 
 
 class ProgressBar:
@@ -24,33 +74,16 @@ class ProgressBar:
     """
 
     def __init__(self, unit: str) -> None:
-        self._unit = unit
         self._began = time.monotonic()
-        self._bar: Any = None
+        self._line = MovingLine(unit)
 
     def __call__(self, done: int, total: int) -> None:
         """Show it, where someone watches."""
-        if self._bar is None:
-            if time.monotonic() - self._began < SHOWN_AFTER:
-                return
-            self._bar = _new_bar(done, total, self._unit)
-        self._bar.update(done - self._bar.n)
+        count, left = self._line.words(done, total)
         if done >= total:
-            self._bar.close()
-
-
-def _new_bar(done: int, total: int, unit: str) -> Any:
-    from tqdm.auto import tqdm
-
-    notebook = "ipykernel" in sys.modules
-    return tqdm(
-        total=total,
-        initial=done,
-        unit=f" {unit}",
-        unit_scale=True,
-        leave=False,
-        disable=False if notebook else None,  # None: only at a terminal
-    )
+            self._line.close()
+        elif time.monotonic() - self._began >= SHOWN_AFTER:
+            self._line.show(count + left)
 
 
 def shown(progress: Show, unit: str, *, named: bool = False) -> Callable[..., None]:

@@ -3,15 +3,12 @@
 """The computation of runs: options, notes on numba, and a line of progress."""
 
 import argparse
-import sys
 import threading
 import time
 from contextlib import ExitStack
 from typing import Any, Self
 
-from tqdm import tqdm
-
-from sparse_coord_ros.base.progress import in_time
+from sparse_coord_ros.base.progress import MovingLine
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.core.engine.cluster import JOBS
@@ -75,17 +72,16 @@ class Bar(ExitStack):
     def __init__(self, unit: str, doing: str, *, quiet: bool = False) -> None:
         super().__init__()
         self.doing = doing
-        self._unit = unit
         self._quiet = quiet
-        self._bar: tqdm | None = None
-        self._first = (0, 0.0)
-        self._done = 0
-        self._total = 0
+        self._line = MovingLine(unit)
+        self._moves = False
+        self._left = ""
         self._over = threading.Event()
 
     def __enter__(self) -> Self:
         """Begin."""
         if not self._quiet:
+            self.callback(self._line.close)
             self.callback(self._over.set)
             threading.Thread(target=self._tell, daemon=True).start()
         return super().__enter__()
@@ -95,36 +91,14 @@ class Bar(ExitStack):
         begun = time.monotonic()
         seconds = FIRST_SECONDS
         while not self._over.wait(seconds):
-            if self._bar is None or self._bar.disable:
+            if not self._moves:
                 passed = time.monotonic() - begun
-                note(f"{self.doing}: {passed:.0f} s so far{self._left()}")
+                note(f"{self.doing}: {passed:.0f} s so far{self._left}")
             seconds = LINE_SECONDS
-
-    def _left(self) -> str:
-        """Return how long the rest will take at the pace so far, in words."""
-        made = self._done - self._first[0]
-        if not made:
-            return ""
-        pace = (time.monotonic() - self._first[1]) / made
-        return f", about {in_time(pace * (self._total - self._done))} left"
 
     def show(self, done: int, total: int, name: str = "") -> None:
         """Show the count out of the total."""
-        if self._bar is None:
-            self._first = done, time.monotonic()
-            bar = tqdm(
-                total=total,
-                initial=done,
-                unit=f" {self._unit}",
-                unit_scale=True,
-                leave=False,
-                disable=True if self._quiet else None,
-                file=sys.stderr,
-                smoothing=0.05,
-            )
-            self._bar = self.enter_context(bar)
-        self._done = done
-        self._total = total
-        self.doing = f"{name} {done:,} of {total:,} {self._unit}".lstrip()
-        self._bar.set_description(name)
-        self._bar.update(done - self._bar.n)
+        self.doing, self._left = self._line.words(done, total, name)
+        if not self._quiet:
+            self._moves = self._line.watched
+            self._line.show(self.doing + self._left)

@@ -72,7 +72,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
 
 def _command(bag) -> str | None:
     """Return the command that repeats the bag's run; None: none can, or no run is known."""
-    from sparse_coord_ros.log.runlog.bag_run import find_run
+    from sparse_coord_ros.log.runlog.reading import find_run
 
     try:
         return repeating_command(find_run(bag).run)

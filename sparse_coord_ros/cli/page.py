@@ -107,7 +107,7 @@ def one_by_one(
 
 def show_end(board: MessageBoard, out: Path) -> None:
     """Show the learned policy of a finished run."""
-    from sparse_coord_ros.show.page.messages import measured, put_end
+    from sparse_coord_ros.show.page.page_messages import measured, put_end
 
     try:
         run = load_run(out)

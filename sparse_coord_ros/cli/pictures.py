@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from sparse_coord_ros.base.errors import RunError, SettingError, missing_package
+from sparse_coord_ros.base.errors import RunError, SettingError, packages_needed
 from sparse_coord_ros.base.files import import_apart, write_whole
 from sparse_coord_ros.cli import options as shared
 
@@ -62,11 +62,8 @@ def drawing() -> Iterator[None]:
     Raises:
         RunError: a package is missing.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", module="matplotlib|PIL")
-            warnings.filterwarnings("ignore", message="Glyph .* missing")
-            import_apart("matplotlib", "matplotlibrc")
-            yield
-    except ImportError as error:
-        raise missing_package(error) or error from None
+    with packages_needed(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="matplotlib|PIL")
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        import_apart("matplotlib", "matplotlibrc")
+        yield

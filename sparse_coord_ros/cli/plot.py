@@ -43,7 +43,7 @@ def execute(options: argparse.Namespace) -> None:
         from sparse_coord_ros.show import figures
         from sparse_coord_ros.show.charts import rendered
         from sparse_coord_ros.show.sources import is_results, open_run
-        from sparse_coord_ros.studies.figures import results_figure
+        from sparse_coord_ros.studies.experiment_figures import results_figure
 
         say = note
         if len(options.sources) == 1 and is_results(options.sources[0]):

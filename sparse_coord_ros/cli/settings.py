@@ -139,7 +139,7 @@ def _setting(one: Setting) -> Described:
 def _learner(one: Learner) -> Described:
     own = ", ".join(f"{key}={value}" for key, value in one.defaults.items())
     lines = [one.summary, *[f"defaults of its own: {own}"] * bool(own)]
-    names = ("title", "summary", "asks", "alone", "defaults")
+    names = ("summary", "asks", "alone", "defaults")
     return Described(lines, [], {name: getattr(one, name) for name in names})
 
 

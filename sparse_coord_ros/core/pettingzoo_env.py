@@ -13,16 +13,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import RunError, SettingError, in_short, needed
+from sparse_coord_ros.base.errors import (
+    RunError,
+    SettingError,
+    in_short,
+    packages_needed,
+)
 from sparse_coord_ros.base.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 from sparse_coord_ros.core.game.grid import WALL
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.vector_env import IN_OBSERVATION, VectorGame
 
-with needed(
-    "the environment needs pettingzoo and gymnasium", "pip install '.[pettingzoo]'"
-):
+with packages_needed():
     from gymnasium import spaces
     from pettingzoo import ParallelEnv
 

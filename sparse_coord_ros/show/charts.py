@@ -18,7 +18,6 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from sparse_coord_ros.base.palette import LINE_COLOURS
-from sparse_coord_ros.core.learners.registry import learner_of
 
 LABELS = {
     "returns": "return of a robot",
@@ -59,9 +58,7 @@ BEST_ASKING = "best asking team found"
 REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, SHORTEST)
 """Lines that learners are compared with: columns of the data that `draw_*` take."""
 
-INDIV, NONCOOP, COOP, VOI = (
-    learner_of(name).title for name in ("indiv", "noncoop", "coop", "voi")
-)
+INDIV, NONCOOP, COOP, VOI = ("indiv", "noncoop", "coop", "voi")
 
 HOLLOW = {"markerfacecolor": "white"}
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -202,9 +199,9 @@ def draw_lines(axes: Axes, data: pd.DataFrame, x: str) -> None:
             axes.plot(known[x], known[reference], marker="_", markersize=12, **style)
         else:
             axes.plot(known[x], known[reference], **style)
-    for line, own in data.groupby("line", sort=False):
+    for line, points in data.groupby("line", sort=False):
         style = {**STYLES.get(str(line), OTHER), **NESTED.get(str(line), THINNEST)}
-        _draw_learner(axes, str(line), own[x], own, style)
+        _draw_learner(axes, str(line), points[x], points, style)
     _number_axis(axes, x, data[x].unique().tolist())
     _finish_panel(axes)
 
@@ -214,29 +211,29 @@ def draw_points(axes: Axes, data: pd.DataFrame, x: str, names: Sequence[str]) ->
 
     Args:
         axes: the panel.
-        data: as of `draw_lines`; and `side`, by how many marks a learner stands to the right.
+        data: as in `draw_lines`; and `side`, by how many marks a learner stands to the right.
         x: the column of the names.
         names: all of them, in the order of the axis.
     """
-    place = data[x].map(list(names).index)
+    columns = data[x].map(list(names).index)
     for reference in _references(data):
         known = data[reference].notna()
         style = STYLES[reference]
         axes.hlines(
             data[reference][known],
-            place[known] - 0.4,
-            place[known] + 0.4,
+            columns[known] - 0.4,
+            columns[known] + 0.4,
             colors=style["color"],
             linestyles=style["linestyle"],
             linewidths=style["linewidth"],
             zorder=style["zorder"],
             label=reference,
         )
-    for line, own in data.groupby("line", sort=False):
-        places = place[own.index] + DODGE * own["side"]
+    for line, points in data.groupby("line", sort=False):
+        positions = columns[points.index] + DODGE * points["side"]
         style = {**STYLES.get(str(line), OTHER), **POINT}
-        _draw_learner(axes, str(line), places, own, style)
-    shown = sorted(place.unique())
+        _draw_learner(axes, str(line), positions, points, style)
+    shown = sorted(columns.unique())
     written = [names[number] for number in shown]
     upright = are_long(written)
     axes.set_xticks(shown, written, rotation=90 if upright else 0)
@@ -254,21 +251,21 @@ def draw_bars(axes: Axes, data: pd.DataFrame) -> None:
 
     Args:
         axes: the panel.
-        data: a row for each learner; columns as of `draw_lines`.
+        data: a row for each learner; columns as in `draw_lines`.
     """
     for reference in _references(data):
         value = data[reference].dropna().iloc[0]
         axes.axhline(value, **{**STYLES[reference], "label": reference})
-    for place, (_, own) in enumerate(data.iterrows()):
-        style = STYLES.get(str(own["line"]), OTHER)
-        error = [[own["low"]], [own["high"]]]
+    for position, (_, point) in enumerate(data.iterrows()):
+        style = STYLES.get(str(point["line"]), OTHER)
+        error = [[point["low"]], [point["high"]]]
         axes.bar(
-            place,
-            own["value"],
+            position,
+            point["value"],
             yerr=error,
             capsize=3,
             color=style["color"],
-            label=str(own["line"]),
+            label=str(point["line"]),
         )
     axes.set_xticks([])
     axes.set_xlim(-0.7, len(data) - 0.3)
@@ -283,12 +280,12 @@ def _references(data: pd.DataFrame) -> list[str]:
 def _draw_learner(
     axes: Axes,
     line: str,
-    places: "pd.Series[Any]",
-    own: pd.DataFrame,
+    positions: "pd.Series[Any]",
+    points: pd.DataFrame,
     style: Mapping[str, Any],
 ) -> None:
-    bars = [own["low"], own["high"]] if own["high"].any() else None
-    axes.errorbar(places, own["value"], bars, label=line, capsize=2, **style)
+    bars = [points["low"], points["high"]] if points["high"].any() else None
+    axes.errorbar(positions, points["value"], bars, label=line, capsize=2, **style)
 
 
 def _finish_panel(axes: Axes) -> None:
@@ -305,34 +302,34 @@ def _number_axis(axes: Axes, name: str, values: Sequence[float]) -> None:
     if name in LOGARITHMIC and sizes:
         axes.set_xscale("symlog", linthresh=min(sizes))
     if name in LOGARITHMIC or len(values) <= MOST_TICKS:
-        places = axes.xaxis.get_transform().transform(values).tolist()
-        shown = _far_apart(values, places)
+        positions = axes.xaxis.get_transform().transform(values).tolist()
+        shown = _far_apart(values, positions)
         axes.set_xticks(shown, [f"{value:g}" for value in shown])
         axes.xaxis.set_minor_locator(FixedLocator(values))
     if min(values) < 0 and max(values) <= 0:
         axes.invert_xaxis()
 
 
-def _far_apart(values: Sequence[float], places: Sequence[float]) -> list[float]:
+def _far_apart(values: Sequence[float], positions: Sequence[float]) -> list[float]:
     """Return the numbers whose names do not overlap on an axis, the largest first.
 
     Args:
         values: the numbers.
-        places: where each stands on the axis, in any unit of length.
+        positions: where each stands on the axis, in any unit of length.
     """
-    length = max(places) - min(places)
+    length = max(positions) - min(positions)
     largest_first = sorted(
-        zip(values, places, strict=True), key=lambda one: -abs(one[0])
+        zip(values, positions, strict=True), key=lambda pair: -abs(pair[0])
     )
     shown: list[tuple[float, float]] = []
-    for value, place in largest_first:
+    for value, position in largest_first:
         free = True
         for other, taken in shown:
             letters = len(f"{value:g}{other:g}")
             room = length * LETTER * (1 + letters / 2)
-            free = free and abs(place - taken) >= room
+            free = free and abs(position - taken) >= room
         if free:
-            shown.append((value, place))
+            shown.append((value, position))
     return [value for value, _ in shown]
 
 
@@ -403,23 +400,23 @@ def _scaled(label: str, between: str, logarithmic: bool) -> str:
     return f"{label}{between}(log scale)" if logarithmic else label
 
 
-def add_legend(figure: Figure, said: str) -> None:
+def add_legend(figure: Figure, title: str) -> None:
     """Name each line of the panels once, below them.
 
     Args:
         figure: the figure.
-        said: the text above the lines.
+        title: the text above the lines.
     """
     handles: dict[str, Any] = {}
     for axes in figure.axes:
-        own_handles, own_names = axes.get_legend_handles_labels()
-        handles |= dict(zip(own_names, own_handles, strict=True))
+        new_handles, new_names = axes.get_legend_handles_labels()
+        handles |= dict(zip(new_names, new_handles, strict=True))
     named = sorted(handles, key=[*STYLES, *handles].index)
     wide = int(figure.get_figwidth() / 2.2)
     figure.legend(
         [handles[name] for name in named],
         named,
-        title=said,
+        title=title,
         loc="outside lower center",
         ncols=max(2, min(math.ceil(len(named) / 2), wide)),
         frameon=False,
@@ -436,7 +433,7 @@ UNDATED: Mapping[str, Mapping[str, Any]] = {
 }
 """Metadata left out of a file: when it was made, and by which version."""
 
-PLACE_DIGITS = 6
+POSITION_DIGITS = 6
 """Decimals of the place of axes, as a share of the figure: a thousandth of a pixel."""
 
 
@@ -476,11 +473,11 @@ def _laid_out(figure: Figure) -> Iterator[None]:
     figure.draw_without_rendering()
     for part in figure.subfigs:
         part.bbox_relative.set_points(
-            part.bbox_relative.get_points().round(PLACE_DIGITS)
+            part.bbox_relative.get_points().round(POSITION_DIGITS)
         )
     for axes in figure.axes:
-        place = axes.get_position(original=True)
-        axes.set_position(Bbox(place.get_points().round(PLACE_DIGITS)))
+        position = axes.get_position(original=True)
+        axes.set_position(Bbox(position.get_points().round(POSITION_DIGITS)))
         axes.set_in_layout(True)  # `set_position` takes it out of the layout
     figure.set_layout_engine("none")
     try:

@@ -85,8 +85,8 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
         )
     first = np.searchsorted(log.step, history.first_step)
     starts = [robot.start for robot in log.run.scenario.robots]
-    own = (log.cells[first] == starts).all(axis=1)
-    number = chosen(wanted, history, own, str(log.path))
+    from_starts = (log.cells[first] == starts).all(axis=1)
+    number = chosen(wanted, history, from_starts, str(log.path))
     rows = range(first[number], first[number] + history.length[number])
     steps = tuple(logged_step(log, row) for row in rows)
     return Episode(number, log.run.greedy, steps, bool(history.arrived[number].all()))
@@ -143,33 +143,34 @@ def _play(
         )
 
 
-def chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> int:
+def chosen(
+    wanted: int | str, history: History, from_starts: np.ndarray, source: str
+) -> int:
     """Return an episode's number.
 
     Args:
         wanted: as in `logged_episode`.
         history: the episodes.
-        own: whether each began at the scenario's starts, shape (episodes,), bool.
-        where: name of their source in an error.
+        from_starts: whether each began at the scenario's starts, shape (episodes,), bool.
+        source: the name of their source, for an error.
     """
     count = history.episodes
     if isinstance(wanted, int):
         if wanted >= count:
             raise RunError(
-                f"{where}: --episode is {wanted}, there are {count}; allowed: 0 to {count - 1}, "
+                f"{source}: --episode is {wanted}, there are {count}; allowed: 0 to {count - 1}, "
                 f"{LAST}, {BEST} or {BUSIEST}"
             )
         return wanted
     whole = np.asarray(history.arrived.all(axis=1))
-    whole = whole if whole.any() else ~whole
+    if not whole.any():
+        whole = ~whole
     if wanted == LAST:
         return int(np.flatnonzero(whole)[-1])
-    among = (
-        np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
-    )
-    rewards = history.returns.sum(axis=1)
-    asks = history.asks.sum(axis=1)
-    keys = (among, -history.length[among], rewards[among])
-    return int(
-        among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]]
-    )
+    if (whole & from_starts).any():
+        whole &= from_starts
+    numbers = np.flatnonzero(whole)
+    keys = [numbers, -history.length[numbers], history.returns[numbers].sum(axis=1)]
+    if wanted == BUSIEST:
+        keys.append(history.asks[numbers].sum(axis=1))
+    return int(numbers[np.lexsort(keys)[-1]])

@@ -9,6 +9,7 @@ from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
@@ -19,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 from sparse_coord_ros.base.errors import SettingError, did_you_mean
 from sparse_coord_ros.base.palette import LINE_COLOURS, robot_colour
 from sparse_coord_ros.core.game.actions import DIRECTIONS
-from sparse_coord_ros.show.charts import CURVE_LABELS, embedded
+from sparse_coord_ros.show.charts import CURVE_LABELS, embedded, panel_grid
 from sparse_coord_ros.show.map_pictures import draw_map
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import OpenedRun
@@ -128,16 +129,16 @@ def _draw_line(part: SubFigure, line: Sequence[Panel], width: float) -> None:
     left, *axes, right = part.subplots(
         1, len(line) + 2, width_ratios=[margin, *widths, margin]
     )
-    for panel, one in zip(line, axes, strict=True):
-        panel.draw(one)
+    for panel, panel_axes in zip(line, axes, strict=True):
+        panel.draw(panel_axes)
     left.set_axis_off()
     right.set_axis_off()
 
 
 def available(shown: OpenedRun) -> list[str]:
     """Return the possible figures of a run, of `WHATS`."""
-    there = {"policy": shown.has("tables"), "curves": shown.has("history")}
-    return [what for what, is_there in there.items() if is_there]
+    needed = {"policy": "tables", "curves": "history"}
+    return [what for what, data in needed.items() if shown.has(data)]
 
 
 def names_of(runs: Sequence[OpenedRun]) -> list[str]:
@@ -145,11 +146,9 @@ def names_of(runs: Sequence[OpenedRun]) -> list[str]:
     if len(runs) == 1:
         return [literal(runs[0].config.scenario.name)]
     names = [literal(run.name) for run in runs]
-    return (
-        names
-        if len(set(names)) == len(names)
-        else [literal(str(run.path)) for run in runs]
-    )
+    if len(set(names)) < len(names):
+        return [literal(str(run.path)) for run in runs]
+    return names
 
 
 def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
@@ -160,18 +159,19 @@ def parse_whats(text: str | None, runs: Sequence[OpenedRun]) -> list[str]:
         SparseCoordError: the first run has no figure.
     """
     if text is None:
-        there = [available(run) for run in runs]
-        found = [what for what in WHATS if all(what in whats for whats in there)]
-        if not found:
+        of_runs = [available(run) for run in runs]
+        common = [what for what in WHATS if all(what in whats for whats in of_runs)]
+        if not common:
             _ = [run.tables for run in runs]  # raises an error if tables are missing
             raise SettingError("these runs have no plot in common; plot one run")
-        return found
+        return common
     whats = [part.strip() for part in text.split(",")]
-    for what in [one for one in whats if one not in WHATS]:
-        raise SettingError(
-            f"--what {what!r}: allowed of a run: {', '.join(WHATS)}, several with commas "
-            f"between{did_you_mean(what, WHATS)}"
-        )
+    for what in whats:
+        if what not in WHATS:
+            raise SettingError(
+                f"--what {what!r}: allowed of a run: {', '.join(WHATS)}, several with commas "
+                f"between{did_you_mean(what, WHATS)}"
+            )
     return whats
 
 
@@ -211,12 +211,10 @@ def _lines(groups: Iterable[list[Panel]], width: float) -> list[list[Panel]]:
             lines[-1] += group
         elif _width(group) <= width:
             lines.append(list(group))
+        elif len(group) > 1:
+            lines += _lines([[panel] for panel in group], width)
         else:
-            lines += (
-                _lines([[panel] for panel in group], width)
-                if len(group) > 1
-                else [group]
-            )
+            lines.append(group)
     return lines
 
 
@@ -280,9 +278,9 @@ def _draw_policy(
     draw_map(axes, scenario, label_height=0.14)
     rows, columns = np.array(scenario.map.cells).T
     south, east = np.array(DIRECTIONS).T
-    for place, k in enumerate(robots):
+    for index, k in enumerate(robots):
         policy = policy_of(shown.tables[k], scenario.robots[k].goal)
-        side = place - (len(robots) - 1) / 2
+        side = index - (len(robots) - 1) / 2
         x = columns + 0.5 + 0.4 * side
         y = rows + 0.6 + 0.2 * side
         colour = robot_colour(k)
@@ -293,14 +291,14 @@ def _draw_policy(
             axes.quiver(
                 *(x[cells] - 0.2 * east[moves], y[cells] - 0.2 * south[moves]),
                 *(0.4 * east[moves], 0.4 * south[moves]),
-                facecolor="white" if place % 2 else colour,
+                facecolor="white" if index % 2 else colour,
                 edgecolor=colour,
                 alpha=alpha[cells],
                 **ARROW,
             )
         for cell in np.flatnonzero(policy.asks).tolist():
             ring = Circle((x[cell], y[cell]), 0.25, fill=False, linewidth=1.8, zorder=4)
-            ring.set(edgecolor=colour, linestyle=LINES[place % 2], alpha=alpha[cell])
+            ring.set(edgecolor=colour, linestyle=LINES[index % 2], alpha=alpha[cell])
             axes.add_patch(ring)
     _put_title(shown, title, axes)
     if key:
@@ -309,8 +307,8 @@ def _draw_policy(
 
 def _policy_key(shown: OpenedRun, robots: Sequence[int], axes: Axes) -> None:
     handles: list[Artist] = []
-    for place, k in enumerate(robots):
-        face = "white" if place % 2 else robot_colour(k)
+    for index, k in enumerate(robots):
+        face = "white" if index % 2 else robot_colour(k)
         handles.append(
             Patch(facecolor=face, edgecolor=robot_colour(k), label=_names(shown)[k])
         )
@@ -375,6 +373,30 @@ def thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     count = min(len(steps), MOST_POINTS)
     kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
     return steps[kept], values[kept]
+
+
+def curves_figure(curves: pd.DataFrame, names: Sequence[str], title: str) -> Figure:
+    """Draw mean learning curves.
+
+    Args:
+        curves: the steps, and each curve's mean and `_error`, as `Runs.history` has them.
+        names: the curves, a panel each.
+        title: of the figure.
+    """
+    figure, panels = panel_grid(len(names), len(names))
+    colour = LINE_COLOURS[0]
+    figure.suptitle(title, fontsize=11)
+    for axes, name in zip(panels, names, strict=True):
+        mean = curves[name]
+        error = curves[f"{name}_error"].fillna(0.0)
+        axes.fill_between(
+            curves["steps"], mean - error, mean + error, color=colour, alpha=0.25, lw=0
+        )
+        axes.plot(curves["steps"], mean, color=colour)
+        axes.set_xlabel("learning steps")
+        axes.set_ylabel(CURVE_LABELS[name])
+        axes.grid(alpha=0.3)
+    return figure
 
 
 def in_html(head: str, shown: OpenedRun) -> str:

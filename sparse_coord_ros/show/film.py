@@ -102,9 +102,9 @@ class EpisodePictures:
         cell = min(LARGEST_CELL, LONGEST_FILM_SIDE / max(rows, columns))
         self._cell = cell = max(SMALLEST_FILM_CELL, cell)
         narrator = Narrator(scenario)
-        self._interacting = [narrator.interacting(one) for one in steps]
-        self._interactions = [narrator.interactions(one) for one in steps]
-        asked = max(len(questions_of(one)) for one in steps)
+        self._interacting = [narrator.interacting(step) for step in steps]
+        self._interactions = [narrator.interactions(step) for step in steps]
+        asked = max(len(questions_of(step)) for step in steps)
         self._spoken = min(SENTENCES, max(asked, *map(len, self._interactions)))
         above = 0.32
         below = 0.34 + 0.2 * self._spoken
@@ -135,7 +135,7 @@ class EpisodePictures:
         self.caption.set_parse_math(False)
         self._places = np.array([*scenario.map.cells, (np.nan, np.nan)])[:, ::-1] + 0.5
         cells = [
-            *(one.cells for one in steps),
+            *(step.cells for step in steps),
             steps[-1].after or (None,) * len(self._names),
         ]
         self._cells = np.nan_to_num(np.array(cells, dtype=float), nan=-1).astype(int)
@@ -149,7 +149,9 @@ class EpisodePictures:
             moved: the elapsed share of it.
             speaking: whether its questions are shown.
         """
-        places = (1 - moved) * self._standing(step) + moved * self._standing(step + 1)
+        positions = (1 - moved) * self._standing(step) + moved * self._standing(
+            step + 1
+        )
         self._canvas.restore_region(self._empty)
         over = moved == 1.0
         together = over and self._episode.steps[step].miscoordination
@@ -157,15 +159,15 @@ class EpisodePictures:
         if over:
             self._put(self._meeting(self._interacting[step], step))
         self._put(self._trails(step))
-        self._put(line for ask in asks for line in self._lines(ask, places))
-        self._put(self._robots(places, {ask.asker for ask in asks}))
-        self._put(sign for ask in asks for sign in self._sign(ask, places))
+        self._put(line for ask in asks for line in self._lines(ask, positions))
+        self._put(self._robots(positions, {ask.asker for ask in asks}))
+        self._put(sign for ask in asks for sign in self._sign(ask, positions))
         if over:
             self._put(self._marks(self._interacting[step], step))
-        said = [ask.in_words(self._names) for ask in asks]
+        sentences = [ask.in_words(self._names) for ask in asks]
         if over:
-            said = self._interactions[step]
-        self._say(step + over, said, together)
+            sentences = self._interactions[step]
+        self._say(step + over, sentences, together)
         self._figure.draw_artist(self.caption)
         image = Image.frombuffer(
             "RGBA",
@@ -186,12 +188,12 @@ class EpisodePictures:
     def _standing(self, step: int) -> np.ndarray:
         """Return the robots' positions, shape (robots, 2); side by side in one cell."""
         cells = self._cells[step].tolist()
-        places: np.ndarray = self._places[cells]
+        positions: np.ndarray = self._places[cells]
         for k, cell in enumerate(cells):
             if cells.count(cell) > 1:
                 turn = 2 * np.pi * cells[:k].count(cell) / cells.count(cell)
-                places[k] += SHARED * np.array([-np.cos(turn), np.sin(turn)])
-        return places
+                positions[k] += SHARED * np.array([-np.cos(turn), np.sin(turn)])
+        return positions
 
     def _trails(self, step: int) -> Iterator[Artist]:
         others = len(self._names) - 1
@@ -205,30 +207,30 @@ class EpisodePictures:
                 linewidth=2.5,
             )
 
-    def _meeting(self, found: Interacting, step: int) -> Iterator[Artist]:
+    def _meeting(self, interacting: Interacting, step: int) -> Iterator[Artist]:
         """Yield the marks of robots that are together in a cell, or exchange their cells."""
-        cells = set(found.together)
-        for pair in found.exchanges:
+        cells = set(interacting.together)
+        for pair in interacting.exchanges:
             cells.update(self._cells[step, list(pair)].tolist())
         for x in sorted(cells):
-            look: dict[str, Any] = {
+            style: dict[str, Any] = {
                 "facecolor": _pale(palette.DOORWAY_COLOUR),
                 "hatch": "xx",
             }
             corner = self._places[x] - 0.5
             yield Rectangle(
-                corner, 1, 1, edgecolor=palette.DOORWAY_COLOUR, linewidth=3, **look
+                corner, 1, 1, edgecolor=palette.DOORWAY_COLOUR, linewidth=3, **style
             )
 
-    def _marks(self, found: Interacting, step: int) -> Iterator[Artist]:
+    def _marks(self, interacting: Interacting, step: int) -> Iterator[Artist]:
         """Yield the signs of exchanges, and a bar before each stopped robot."""
-        for pair in found.exchanges:
+        for pair in interacting.exchanges:
             x, y = self._places[self._cells[step, list(pair)]].mean(axis=0)
             ring = Circle((x, y), 0.22, facecolor="white", linewidth=1.8)
             ring.set_edgecolor(palette.DOORWAY_COLOUR)
             yield ring
             yield self._letter(x, y, palette.EXCHANGE_SIGN, "black", least=7.0)
-        for k, _, cell in found.stopped:
+        for k, _, cell in interacting.stopped:
             at = self._places[self._cells[step, k]]
             ahead = self._places[cell] - at
             middle = at + 0.5 * ahead
@@ -237,15 +239,17 @@ class EpisodePictures:
             yield Line2D(*ends, linewidth=6, color="white")
             yield Line2D(*ends, linewidth=3.6, color="black")
 
-    def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
-        there = {
-            k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])
+    def _robots(self, positions: np.ndarray, askers: set[int]) -> Iterator[Artist]:
+        known = {
+            k: position
+            for k, position in enumerate(positions.tolist())
+            if np.isfinite(position[0])
         }
-        for k in sorted(askers & there.keys()):
+        for k in sorted(askers & known.keys()):
             yield Circle(
-                there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2
+                known[k], 0.4, facecolor="white", edgecolor="black", linewidth=2
             )
-        for k, (x, y) in there.items():
+        for k, (x, y) in known.items():
             colour = palette.robot_colour(k)
             yield Circle(
                 (x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8
@@ -253,12 +257,12 @@ class EpisodePictures:
             yield self._letter(x, y, str(k + 1), palette.ink_on(colour), least=6.0)
 
     @staticmethod
-    def _lines(ask: Question, places: np.ndarray) -> Iterator[Artist]:
+    def _lines(ask: Question, positions: np.ndarray) -> Iterator[Artist]:
         """Yield the lines from the asker to the robots that it asks; several lines are thinner."""
         width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
             line = Line2D(
-                *np.transpose([places[ask.asker], places[peer]]), linewidth=width
+                *np.transpose([positions[ask.asker], positions[peer]]), linewidth=width
             )
             line.set(
                 color=palette.OUTCOME_COLOURS[ask.outcome],
@@ -266,13 +270,13 @@ class EpisodePictures:
             )
             yield line
 
-    def _sign(self, ask: Question, places: np.ndarray) -> Iterator[Artist]:
+    def _sign(self, ask: Question, positions: np.ndarray) -> Iterator[Artist]:
         """Yield the sign of a question's outcome, nearer to the asked robot.
 
         A question to several robots has one sign, beside the asker: more would hide robots.
         """
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
-        x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
+        x, y = 0.45 * positions[ask.asker] + 0.55 * positions[peer]
         if len(ask.peers) > 1:
             x = x + 0.38
             y = y - 0.38
@@ -289,24 +293,24 @@ class EpisodePictures:
         self, x: float, y: float, letter: str, colour: str, *, least: float
     ) -> Text:
         size = max(least, 17 * self._cell)
-        how: dict[str, Any] = {
+        style: dict[str, Any] = {
             "fontweight": "bold",
             "ha": "center",
             "va": "center_baseline",
         }
-        return Text(x, y, letter, color=colour, fontsize=size, **how)
+        return Text(x, y, letter, color=colour, fontsize=size, **style)
 
     def _say(self, step: int, sentences: Sequence[str], together: bool) -> None:
-        said = list(sentences)
-        if len(said) > self._spoken:
-            said[self._spoken - 1 :] = [f"and {len(said) - self._spoken + 1} more"]
+        lines = list(sentences)
+        if len(lines) > self._spoken:
+            lines[self._spoken - 1 :] = [f"and {len(lines) - self._spoken + 1} more"]
         length = len(self._episode.steps)
         at = f"step {step} of {length}"
         if together:
             at += ": miscoordination"
         elif step == length:
             at += ": all there" if self._episode.arrived else ": not all there"
-        self.caption.set_text("\n".join([at, *said]))
+        self.caption.set_text("\n".join([at, *lines]))
 
 
 def _pale(colour: str) -> tuple[float, float, float]:
@@ -324,7 +328,7 @@ def film_palette() -> Image.Image:
     shares = np.array([1.0, 0.75, 0.5, 0.35, 0.2])[:, None, None, None]
     grounds = np.array([1.0, 0.25, 0.0])[:, None, None]
     mixed = (
-        shares * np.array([palette.rgb(one) for one in colours])
+        shares * np.array([palette.rgb(colour) for colour in colours])
         + (1 - shares) * grounds
     )
     greys = np.repeat([*np.arange(32) / 31, 0x40 / 255, 0.85], 3)

@@ -44,13 +44,15 @@ def draw_map(
     axes.add_patch(Rectangle(corner, columns, rows, color=WALL_GREY, linewidth=0))
     for x, (row, column) in enumerate(grid.cells):
         face = colormaps[COLOUR_MAP](0.9 * dark[x]) if dark[x] > 0 else "white"
-        place = (left + column, top + row)
+        corner_of_cell = (left + column, top + row)
         axes.add_patch(
-            Rectangle(place, 1, 1, facecolor=face, edgecolor="0.85", linewidth=0.6)
+            Rectangle(
+                corner_of_cell, 1, 1, facecolor=face, edgecolor="0.85", linewidth=0.6
+            )
         )
         axes.text(
-            place[0] + 0.5,
-            place[1] + label_height,
+            corner_of_cell[0] + 0.5,
+            corner_of_cell[1] + label_height,
             " ".join(labels.get(x, [])),
             ha="center",
             va="center",

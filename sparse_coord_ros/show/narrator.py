@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Positions and actions of robots in words."""
+"""Positions and actions of robots in words, and the rules of a scenario."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -8,7 +8,11 @@ from functools import lru_cache
 from sparse_coord_ros.base.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import ACTIONS
-from sparse_coord_ros.core.game.interactions import interactions_of
+from sparse_coord_ros.core.game.interactions import (
+    NOWHERE,
+    can_miscoordinate,
+    interactions_of,
+)
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run import TeamTransition
@@ -26,6 +30,16 @@ CLOSE = 2
 
 KEPT = 256
 """Cells whose distances to all cells are kept for later calls."""
+
+TOGETHER = {
+    "": "are in one doorway",
+    "anywhere": "are in one cell that is no goal",
+    "any_doorway": "are in doorways",
+}
+"""What robots do that pay r^C together, by the variant of `together`."""
+
+NARROW = {"": "A doorway", "anywhere": "A cell that is no goal"}
+"""What holds one robot, by the variant of `block`."""
 
 
 class Narrator:
@@ -83,25 +97,29 @@ class Narrator:
 
     def interactions(self, seen: TeamTransition) -> list[str]:
         """Return a sentence for each interaction of a time step."""
-        found = self.interacting(seen)
+        interacting = self.interacting(seen)
         after = seen.after or ()
-        told = []
-        for robots in self._gathered(seen, found.together):
-            told.append(self._together(robots, [after[k] for k in robots]))
-        for k, j in found.exchanges:
-            told.append(f"{self.names[k]} and {self.names[j]} exchange their cells.")
-        for k in sorted({one[0] for one in found.stopped}):
-            told.append(f"{self.names[k]} stays: {self._in_the_way(k, found)}.")
-        return told
+        sentences = []
+        for robots in self._gathered(seen, interacting.together):
+            sentences.append(self._together(robots, [after[k] for k in robots]))
+        for k, j in interacting.exchanges:
+            sentences.append(
+                f"{self.names[k]} and {self.names[j]} exchange their cells."
+            )
+        for k in sorted({stop[0] for stop in interacting.stopped}):
+            sentences.append(
+                f"{self.names[k]} stays: {self._in_the_way(k, interacting)}."
+            )
+        return sentences
 
     def _together(self, robots: Sequence[int], cells: Sequence[int | None]) -> str:
         """Return a sentence: the robots that are together in some cells."""
-        place = "the same cell"
+        where = "the same cell"
         if cells[0] in self._grid.doorways:
-            place = "the same doorway"
+            where = "the same doorway"
         if len(set(cells)) > 1:
-            place = "doorways at the same time"
-        return f"{_listed([self.names[k] for k in robots])} are in {place}."
+            where = "doorways at the same time"
+        return f"{_listed([self.names[k] for k in robots])} are in {where}."
 
     def _gathered(self, seen: TeamTransition, cells: Sequence[int]) -> list[list[int]]:
         """Return the groups of robots that end a time step together, in some cells."""
@@ -109,25 +127,25 @@ class Narrator:
         after = seen.after or ()
         groups = []
         for place in dict.fromkeys(int(places[cell]) for cell in cells):
-            here = [
+            group = [
                 k
                 for k, cell in enumerate(after)
                 if cell is not None and places[cell] == place
             ]
-            groups.append(here)
+            groups.append(group)
         return groups
 
-    def _in_the_way(self, robot: int, found: Interacting) -> str:
+    def _in_the_way(self, robot: int, interacting: Interacting) -> str:
         """Return a text: the robots in the way of a stopped robot."""
-        others = [self.names[j] for k, j, _ in found.stopped if k == robot]
+        others = [self.names[j] for k, j, _ in interacting.stopped if k == robot]
         verb = "is" if len(others) == 1 else "are"
         return f"{_listed(others)} {verb} in its way"
 
     def _why_it_stays(self, robot: int, seen: TeamTransition, move: int) -> str:
         """Return the reason why a robot stays in its cell, although its move leads elsewhere."""
-        found = self.interacting(seen)
-        if any(one[0] == robot for one in found.stopped):
-            return self._in_the_way(robot, found)
+        interacting = self.interacting(seen)
+        if any(stop[0] == robot for stop in interacting.stopped):
+            return self._in_the_way(robot, interacting)
         cell = seen.cells[robot]
         narrow = self._interactions.narrow[self._grid.next_cell[cell, move]]
         fails = f"its move {ACTIONS[move]} fails"
@@ -174,16 +192,16 @@ class Narrator:
         """
         moves = self._moves_to(cell)
         if len(seen) == 1:
-            told = list(seen)
+            close = list(seen)
         else:
-            told = [one for one in seen if 0 <= moves[one[1]] <= CLOSE]
-        if not told:
-            reached = [one for one in seen if moves[one[1]] >= 0] or seen
-            peer, at = min(reached, key=lambda one: moves[one[1]])
-            said = self.seen_from(cell, at)
-            return f"the closest robot, {self.names[peer]}, is {said}"
+            close = [robot for robot in seen if 0 <= moves[robot[1]] <= CLOSE]
+        if not close:
+            reached = [robot for robot in seen if moves[robot[1]] >= 0] or seen
+            peer, at = min(reached, key=lambda robot: moves[robot[1]])
+            position = self.seen_from(cell, at)
+            return f"the closest robot, {self.names[peer]}, is {position}"
         return "; ".join(
-            f"{self.names[peer]} is {self.seen_from(cell, at)}" for peer, at in told
+            f"{self.names[peer]} is {self.seen_from(cell, at)}" for peer, at in close
         )
 
     def question(self, seen: TeamTransition, question: Question) -> str:
@@ -193,16 +211,16 @@ class Narrator:
         after = None if seen.after is None else seen.after[k]
         name = self.names[k]
         others = [(peer, at) for peer in peers if (at := seen.cells[peer]) is not None]
-        ended = ENDED[question.outcome]
+        end_in_words = ENDED[question.outcome]
         if end == PerceptEnd.NOBODY_TO_ASK:
-            ended = "There is no other robot."
+            end_in_words = "There is no other robot."
         if cell is None:
-            return f"{name} asks; its cell is not known. {ended}"
+            return f"{name} asks; its cell is not known. {end_in_words}"
         if question.outcome == ANSWERED and others and len(others) == len(peers):
-            ended = f"Answer: {self.answer(cell, others)}."
+            end_in_words = f"Answer: {self.answer(cell, others)}."
         why = "" if after != cell else self._why_it_stays(k, seen, move)
         does = self.does(k, cell, move, after, why)
-        return f"{name} asks {self.where(cell)}. {ended} {name} {does}."
+        return f"{name} asks {self.where(cell)}. {end_in_words} {name} {does}."
 
 
 def failing_in_words(measures: Measures) -> str:
@@ -221,3 +239,55 @@ def _listed(names: Sequence[str]) -> str:
     """Return names as a list in words."""
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def rules_in_words(scenario: Scenario) -> str:
+    """Return the rules in a few sentences; an answer to every question goes without saying."""
+    inter = interactions_of(scenario)
+    sentences = []
+    if can_miscoordinate(inter):
+        sentences.append(
+            f"If two robots {_miscoordination(scenario)}, {_payment(scenario)}."
+        )
+    if inter.blocks:
+        sentences.append(f"{NARROW[scenario.kinds['block']]} holds one robot.")
+    cost = f"costs {scenario.ask_cost:,g}" if scenario.ask_cost else "is free"
+    sentences.append(f"A question {cost}.")
+    sentences.append(_answers(scenario))
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _miscoordination(scenario: Scenario) -> str:
+    """Return what two robots do that miscoordinate."""
+    inter = interactions_of(scenario)
+    what = []
+    if (inter.places != NOWHERE).any():
+        what.append(TOGETHER[scenario.kinds["together"]])
+    if inter.swaps:
+        what.append("exchange cells")
+    return " or ".join(what)
+
+
+def _payment(scenario: Scenario) -> str:
+    """Return what a miscoordination costs whom."""
+    price = f"{-scenario.penalty:,g}"
+    if scenario.common_reward.kind == "same":
+        return f"every robot pays {price}"
+    return f"every robot pays its own factor times {price}"
+
+
+def _answers(scenario: Scenario) -> str:
+    """Return when a question is answered; an empty text where that is always."""
+    model = scenario.perception
+    match model.kind:
+        case "always":
+            return ""
+        case "never":
+            return "No question is answered."
+        case "probability":
+            return f"A question is answered with probability {model.numbers[0]:g}."
+        case "range":
+            return f"A question is answered within {model.numbers[0]:g} cells."
+        case "line_of_sight":
+            return "A question is answered where no wall is between the robots."
+    return f"A question is answered as {model} says."

@@ -90,9 +90,9 @@ def floor_figure(
     shades = np.zeros((*grid.shape, 4))
     if cells:
         shades[signs != WALL] = CELL_COLOUR
-        shades[np.indices(grid.shape).sum(axis=0) % 2 > 0, 3] *= (
-            0.75  # each must be visible
-        )
+        # As on a chessboard: each cell must be visible.
+        odd = np.indices(grid.shape).sum(axis=0) % 2 > 0
+        shades[odd, 3] *= 0.75
     shades[signs == DOORWAY] = to_rgba(DOORWAY_COLOUR, 0.6)
     axes.imshow(shades, extent=box, interpolation="nearest", transform=turn)
     axes.set(
@@ -108,9 +108,9 @@ def floor_figure(
         (dusty, DUSTY_COLOUR, "free as spots were dropped"),
     ):
         if marked:
-            for place in marked:
+            for centre in marked:
                 ring = Circle(
-                    place, 0.6 * side, zorder=3, ec=colour, fill=False, lw=1.5
+                    centre, 0.6 * side, zorder=3, ec=colour, fill=False, lw=1.5
                 )
                 axes.add_patch(ring)
             axes.plot([], [], "o", mfc="none", color=colour, label=label)
@@ -119,8 +119,8 @@ def floor_figure(
             (robot.start, {"color": robot_colour(k)}),
             (robot.goal, {"edgecolor": robot_colour(k), "fill": False, "lw": 2.5}),
         ):
-            place = squares.centre(*grid.cells[cell])
-            axes.add_patch(Circle(place, 0.35 * side, zorder=3, **look))
+            centre = squares.centre(*grid.cells[cell])
+            axes.add_patch(Circle(centre, 0.35 * side, zorder=3, **look))
     if wide or dusty:
         figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure

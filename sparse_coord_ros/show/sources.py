@@ -23,9 +23,8 @@ from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_histo
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY, Bag, bag_files
-from sparse_coord_ros.log.runlog.bag_run import find_run
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.reading import read_run
+from sparse_coord_ros.log.runlog.reading import find_run, read_run
 
 RESULTS_FILE = "results.json"
 """What a directory of `sparse_coord reproduce` has."""
@@ -53,12 +52,10 @@ class OpenedRun:
     @property
     def name(self) -> str:
         """Its name in a legend."""
-        place = self.path.resolve()
-        return (
-            place.parent.name
-            if self.directory is None and place.name == "bag"
-            else place.name
-        )
+        path = self.path.resolve()
+        if self.directory is None and path.name == BAG_DIRECTORY:
+            return path.parent.name
+        return path.name
 
     @cached_property
     def config(self) -> RunConfig:
@@ -98,8 +95,8 @@ class OpenedRun:
         for k, robot in enumerate(scenario.robots):
             entry = self.log.tables_before(k)
             if entry is None:
-                said = f"holds no tables of {robot.name}; see 'sparse_coord info'"
-                raise TablesError(f"{self.path}: {said}")
+                problem = f"holds no tables of {robot.name}; see 'sparse_coord info'"
+                raise TablesError(f"{self.path}: {problem}")
             tables.append(entry.tables)
         if self.config.known_rule is not None:
             check_tables(scenario, tables, self.config.rule)

@@ -63,7 +63,7 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
 
     Without a record of a percept's end, no answer was late: all robots were in one process.
     """
-    found = []
+    questions = []
     for k, action in enumerate(seen.actions):
         if action is None or not action.asked:
             continue
@@ -72,8 +72,8 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
         end = seen.ends[k] if seen.ends and not action.perceived else None
         if end is None:
             end = PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
-        found.append(Question(k, peers, PerceptEnd(end), action.move))
-    return tuple(found)
+        questions.append(Question(k, peers, PerceptEnd(end), action.move))
+    return tuple(questions)
 
 
 def learning_steps(step: int, episode: int) -> int:
@@ -89,12 +89,12 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
 
     The end of a percept is the one that the robot recorded; an unknown end counts as late.
     """
-    said = zip(
+    logged = zip(
         log.move[row], log.asked[row], log.peer[row], log.perceived[row], strict=True
     )
     rewards = [
-        None if np.isnan(one).any() else Reward(*one.tolist())
-        for one in log.rewards[row]
+        None if np.isnan(numbers).any() else Reward(*numbers.tolist())
+        for numbers in log.rewards[row]
     ]
     followed = row + 1 < len(log.step) and log.step[row + 1] == log.step[row] + 1
     acted = followed and any(reward is not None for reward in rewards)
@@ -102,15 +102,15 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
         None
         if move == NONE
         else Action(int(move), bool(asked), int(peer), bool(perceived))
-        for move, asked, peer, perceived in said
+        for move, asked, peer, perceived in logged
     )
     after = _known(log.cells[row + 1]) if followed else None
     met = False
     if acted:
         inter = interactions_of(log.run.scenario)
         met = miscoordinates(inter, log.cells[row], log.cells[row + 1])
-    told = [PerceptEnd.said(end) for end in log.column(PERCEPT.name)[row]]
-    ends = [PerceptEnd.LATE if end is None else end for end in told]
+    codes = [PerceptEnd.said(end) for end in log.column(PERCEPT.name)[row]]
+    ends = [PerceptEnd.LATE if end is None else end for end in codes]
     step = int(log.step[row])
     cells = _known(log.cells[row])
     return TeamTransition(step, cells, actions, after, met, rewards, ends)
@@ -141,7 +141,7 @@ def interacting_in(
 
     Args:
         inter: the interactions of the scenario.
-        next_cell: where each move leads, as of `GridMap`.
+        next_cell: the cell to which each move leads, shape (cells, 4).
         seen: the time step.
     """
     if seen.after is None:
@@ -150,33 +150,35 @@ def interacting_in(
         return NOT_INTERACTING
     before = _column(seen.cells)
     after = _column(seen.after)
-    moves = _column([None if one is None else one.move for one in seen.actions])
+    moves = _column(
+        [None if action is None else action.move for action in seen.actions]
+    )
     shared: tuple[int, ...] = ()
     pairs: list[tuple[int, int]] = []
     if seen.miscoordination:
         known = [cell for cell in seen.after if cell is not None]
         shared = _shared(inter, known)
         exchanges = exchanges_in(inter, before, after)
-        pairs = [(k, j) for k, j, found in exchanges if found[0]]
+        pairs = [(k, j) for k, j, happened in exchanges if happened[0]]
     blocked = []
-    for k, j, found in stops_in(inter, next_cell, before, moves, after):
-        if found[0]:
+    for k, j, happened in stops_in(inter, next_cell, before, moves, after):
+        if happened[0]:
             blocked.append((k, j, int(next_cell[before[k, 0], moves[k, 0]])))
     return Interacting(shared, tuple(pairs), tuple(blocked))
 
 
 def _shared(inter: Interactions, cells: Sequence[int]) -> tuple[int, ...]:
     """Return the cells of robots that are together, ascending."""
-    found = set()
+    cells_together = set()
     for x, y in combinations(cells, 2):
         if together(inter.places[x], inter.places[y]):
-            found |= {x, y}
-    return tuple(sorted(found))
+            cells_together |= {x, y}
+    return tuple(sorted(cells_together))
 
 
 def _column(values: Sequence[int | None]) -> np.ndarray:
     """Return numbers, shape (K, 1), with NONE in place of None."""
-    return np.array([[NONE if one is None else one] for one in values])
+    return np.array([[NONE if value is None else value] for value in values])
 
 
 def exchanges_in(
@@ -208,7 +210,7 @@ def stops_in(
 
     Args:
         inter: the interactions of the scenario.
-        next_cell: where each move leads, as of `GridMap`.
+        next_cell: the cell to which each move leads, shape (cells, 4).
         before: the cell of each robot before each step, shape (K, T); NONE: not known.
         moves: the move that it chose, same shape; NONE: it did not act.
         after: the cell in which it ended, same shape.
@@ -222,8 +224,8 @@ def stops_in(
     wanted = np.where(known & (moves != NONE), next_cell[before, moves], before)
     stays = known & (after == before) & (wanted != before) & inter.narrow[wanted]
     for k, j in permutations(range(len(before)), 2):
-        found = stops(wanted[k], before[k], before[j], after[j], j < k)
-        yield k, j, found & stays[k] & known[j]
+        stopped = stops(wanted[k], before[k], before[j], after[j], j < k)
+        yield k, j, stopped & stays[k] & known[j]
 
 
 def trails_of(
@@ -235,18 +237,19 @@ def trails_of(
 
     Args:
         passed: the robots' cells at successive time steps, the newest last.
-        next_cell: where each move leads, as of `GridMap`.
+        next_cell: the cell to which each move leads, shape (cells, 4).
     """
     trails = []
-    for places in zip(*passed, strict=True):
+    for cells in zip(*passed, strict=True):
         trail: list[int] = []
-        for cell in reversed(places):
-            if cell is None or (
-                trail and cell != trail[0] and cell not in next_cell[trail[0]]
-            ):
+        for cell in reversed(cells):
+            if cell is None:
                 break
-            if not trail or cell != trail[0]:
-                trail.insert(0, cell)
+            if trail and cell == trail[0]:
+                continue
+            if trail and cell not in next_cell[trail[0]]:
+                break
+            trail.insert(0, cell)
         trails.append(trail)
     return trails
 
@@ -255,7 +258,9 @@ def logged_trails(log: RunLog, row: int) -> list[list[int]]:
     """Return the trails of the robots at a time step of a log, given by its row."""
     begin = int(np.searchsorted(log.episode, log.episode[row]))
     cells = log.cells[max(begin, row + 1 - TRAIL) : row + 1]
-    return trails_of([_known(one) for one in cells], log.run.scenario.map.next_cell)
+    return trails_of(
+        [_known(row_cells) for row_cells in cells], log.run.scenario.map.next_cell
+    )
 
 
 def _known(cells: np.ndarray) -> tuple[int | None, ...]:

@@ -76,23 +76,23 @@ def benchmark(
             "tuning-pairs", "-four" and "-eight", by which rules and numbers are chosen, the same
             with "validation", and with "unseen2" for closing figures; or scenario files.
         steps: learning steps of each robot.
-        out: results directory, as of `run_experiment`; None: nothing is saved.
+        out: results directory, as for `run_experiment`; None: nothing is saved.
         runs: teams that learn in each scenario.
         trials: greedy trials of a team; those of two robots are evaluated exactly.
         seed: seed of team 0; team i has seed + i.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: as of `run_experiment`.
+        scheduler: as for `run_experiment`.
         progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
             called with a condition's id, the agent-steps done and those of its list.
-        **settings: settings of learning to change for all, as of `load_scenario`.
+        **settings: settings of learning to change for all.
 
     Returns:
         Of each list and learner, in the order in which they were asked for:
 
         - `list`, `learner`: their names;
-        - `peers_seen`: which cells of peers the robots learned from, as of the setting; None as
-          of `share`;
+        - `peers_seen`: which cells of peers the robots learned from, as the setting says; None
+          where `share` is None;
         - `share`: closed share of the pooled gap; None: the learner cannot learn every scenario of
           the list;
         - `error`: the standard error of the share: of generated buildings a bootstrap over
@@ -106,14 +106,16 @@ def benchmark(
             game.
         ResultsError, OSError, RunError, PluginError: as `run_experiment`.
     """
-    given = isinstance(lists, Sequence) and not isinstance(lists, str)
-    check_argument("lists", lists, given, f"a list of some of: {', '.join(LISTS)}")
-    asked = items_of(list(lists))
-    many = isinstance(learners, Iterable) and not isinstance(learners, str)
-    named: list[Any] = list(learners) if many else [learners]  # type: ignore[arg-type]
-    if not named:
+    is_list = isinstance(lists, Sequence) and not isinstance(lists, str)
+    check_argument("lists", lists, is_list, f"a list of some of: {', '.join(LISTS)}")
+    items_by_list = items_of(list(lists))
+    several = isinstance(learners, Iterable) and not isinstance(learners, str)
+    learners_given: list[Any] = list(learners) if several else [learners]  # type: ignore[arg-type]
+    if not learners_given:
         raise SettingError("benchmark: no learner is given; name one, e.g. 'voi'")
-    names = list(dict.fromkeys(chosen_learner(one).label for one in named))
+    names = list(
+        dict.fromkeys(chosen_learner(learner).label for learner in learners_given)
+    )
     SETTINGS.parse(settings)
     fixed = [name for name in settings if name not in CHANGEABLE]
     if fixed:
@@ -122,7 +124,7 @@ def benchmark(
             "bounds are unknown; change settings of learning only"
         )
     steps = SETTINGS["steps"].parse(steps)
-    how: dict[str, Any] = {
+    options: dict[str, Any] = {
         "out": out,
         "runs": TEAM_RUNS.parse(runs),
         "trials": TEAM_TRIALS.parse(trials),
@@ -132,15 +134,15 @@ def benchmark(
         "scheduler": scheduler,
         "progress": progress,
     }
-    found = []
-    for name, items in asked.items():
+    standings = []
+    for name, items in items_by_list.items():
         for learner in names:
             conditions = _conditions(learner, items, {**settings, "steps": steps})
             results: list[ConditionResult] = []
             if conditions:
-                results = list(run_experiment(conditions, **how).values())
-            found.append(standing(name, learner, results))
-    return found
+                results = list(run_experiment(conditions, **options).values())
+            standings.append(standing(name, learner, results))
+    return standings
 
 
 def _conditions(
@@ -151,7 +153,7 @@ def _conditions(
     Raises:
         SettingError: a setting to change is bad, or does not fit.
     """
-    games = [(one.scenario, {**one.settings, "penalty": PENALTY}) for one in items]
+    games = [(item.scenario, {**item.settings, "penalty": PENALTY}) for item in items]
     try:
         for scenario, game in games:
             make_condition(scenario, learner, game)
@@ -166,32 +168,32 @@ def _conditions(
 def standing(
     name: str, learner: str, results: Sequence[ConditionResult]
 ) -> dict[str, Any]:
-    """Return how the teams of a learner stand in the scenarios of a list, as of `benchmark`.
+    """Return how the teams of a learner stand in the scenarios of a list: a row of `benchmark`.
 
     Args:
         name: the list's name.
         learner: the learner's name.
         results: of each scenario of the list; none: the learner cannot learn all of them.
     """
-    found = {"list": name, "learner": learner}
+    row = {"list": name, "learner": learner}
     if not results:
         none = dict.fromkeys(("peers_seen", "share", "error", "arrived"))
-        return {**found, **none, "failed": 0, "teams": 0}
-    learned = [one.measures.each("returns") for one in results]
-    low = np.array([one.shortest_paths.mean("returns") for one in results])
-    high = np.array([_top(one) for one in results])
+        return {**row, **none, "failed": 0, "teams": 0}
+    learned = [result.measures.each("returns") for result in results]
+    low = np.array([result.shortest_paths.mean("returns") for result in results])
+    high = np.array([_top(result) for result in results])
     share, error = pooled_share(learned, low, high)
     if name not in SAMPLED:
         errors = [standard_error(returns) for returns in learned]
         error = float(np.linalg.norm(errors) / (high - low).sum())
     return {
-        **found,
+        **row,
         "peers_seen": results[0].scenario.peers_seen,
         "share": share,
         "error": error,
-        "failed": sum(one.measures.failed for one in results),
-        "teams": sum(one.runs for one in results),
-        "arrived": min(float(one.measures.arrived.min()) for one in results),
+        "failed": sum(result.measures.failed for result in results),
+        "teams": sum(result.runs for result in results),
+        "arrived": min(float(result.measures.arrived.min()) for result in results),
     }
 
 
@@ -220,9 +222,9 @@ def pooled_share(
     chosen = rng.integers(count, size=(RESAMPLES, count))
     gained = np.zeros((RESAMPLES, count))
     for building, returns in enumerate(learned):
-        places = chosen == building
-        teams = rng.integers(len(returns), size=(int(places.sum()), len(returns)))
-        gained[places] = returns[teams].mean(axis=1) - low[building]
+        drawn = chosen == building
+        teams = rng.integers(len(returns), size=(int(drawn.sum()), len(returns)))
+        gained[drawn] = returns[teams].mean(axis=1) - low[building]
     shares = gained.sum(axis=1) / (high - low)[chosen].sum(axis=1)
     means = np.array([returns.mean() for returns in learned])
     share = float((means - low).sum() / (high - low).sum())

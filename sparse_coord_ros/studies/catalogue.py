@@ -62,12 +62,12 @@ def _every(
         over: the values of each setting; under `learner`, learners.
         same: settings of all of them.
     """
-    found = []
+    conditions = []
     for name in names:
         for values in product(*over.values()):
             given = {**same, **dict(zip(over, values, strict=True))}
-            found.append(make_condition(name, str(given.pop("learner")), given))
-    return found
+            conditions.append(make_condition(name, str(given.pop("learner")), given))
+    return conditions
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:
@@ -97,12 +97,12 @@ def _perception() -> list[Condition]:
 
 
 def _crowd() -> list[Condition]:
-    found = []
+    conditions = []
     for name in (f"crowd-{robots}r" for robots in CROWDS):
-        found.append(make_condition(name, "noncoop", LONG))
-        found += _every([name], {"learner": ["coop"], "peers": PEERS}, LONG)
-        found.append(make_condition(name, "voi", LONG))
-    return found
+        conditions.append(make_condition(name, "noncoop", LONG))
+        conditions += _every([name], {"learner": ["coop"], "peers": PEERS}, LONG)
+        conditions.append(make_condition(name, "voi", LONG))
+    return conditions
 
 
 def _uneven() -> list[Condition]:

@@ -65,45 +65,45 @@ def read_checked(path: Path, form: Mapping[str, Form], remedy: str) -> dict[str,
     return content
 
 
-def check_form(value: object, form: Form, place: str = "") -> None:
-    """Raise `ValueError` unless a value that was read has a form; `place` names the value."""
+def check_form(value: object, form: Form, name: str = "") -> None:
+    """Raise `ValueError` unless a value that was read has a form; `name` names the value."""
     if isinstance(form, OrNull):
         if value is not None:
-            check_form(value, form.form, place)
+            check_form(value, form.form, name)
     elif isinstance(form, tuple):
-        _check_numbers(value, form, place)
+        _check_numbers(value, form, name)
     elif isinstance(form, type):
         if type(value) is not form:
-            raise _wrong(place, value, form.__name__)
+            raise _wrong(name, value, form.__name__)
     elif not isinstance(value, dict):
-        raise _wrong(place, value, "an object")
+        raise _wrong(name, value, "an object")
     else:
-        _check_keys(value, form, place)
-        for key, own in form.items():
-            check_form(value[key], own, f"{place}.{key}".lstrip("."))
+        _check_keys(value, form, name)
+        for key, field_form in form.items():
+            check_form(value[key], field_form, f"{name}.{key}".lstrip("."))
 
 
-def _check_keys(found: Mapping[str, Any], due: Mapping[str, Any], place: str) -> None:
-    where = f" in {place}" if place else ""
-    for key in due:
-        if key not in found:
+def _check_keys(value: Mapping[str, Any], form: Mapping[str, Any], name: str) -> None:
+    where = f" in {name}" if name else ""
+    for key in form:
+        if key not in value:
             raise ValueError(f"field {key!r} is missing{where}")
-    for key in found:
-        if key not in due:
+    for key in value:
+        if key not in form:
             raise ValueError(f"field {in_short(key)} is unknown{where}")
 
 
-def _check_numbers(value: object, shape: tuple[int, ...], place: str) -> None:
+def _check_numbers(value: object, shape: tuple[int, ...], name: str) -> None:
     if not shape:
         if type(value) not in (int, float):
-            raise _wrong(place, value, "a number")
+            raise _wrong(name, value, "a number")
         return
     length, *inner = shape
     if not isinstance(value, list) or len(value) != length:
-        raise _wrong(place, value, f"a list of {length}")
+        raise _wrong(name, value, f"a list of {length}")
     for number, entry in enumerate(value):
-        _check_numbers(entry, tuple(inner), f"{place}[{number}]")
+        _check_numbers(entry, tuple(inner), f"{name}[{number}]")
 
 
-def _wrong(place: str, value: object, allowed: str) -> ValueError:
-    return ValueError(f"field {place} is {in_short(value)}, allowed: {allowed}")
+def _wrong(name: str, value: object, allowed: str) -> ValueError:
+    return ValueError(f"field {name} is {in_short(value)}, allowed: {allowed}")

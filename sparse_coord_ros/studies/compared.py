@@ -32,6 +32,6 @@ def best_asking_team(result: ConditionResult) -> float | None:
 def by_scenario(results: Iterable[ConditionResult]) -> list[list[ConditionResult]]:
     """Return the results of each scenario, in the order in which the scenarios come first."""
     groups: dict[str, list[ConditionResult]] = {}
-    for one in results:
-        groups.setdefault(one.scenario.name, []).append(one)
+    for result in results:
+        groups.setdefault(result.scenario.name, []).append(result)
     return list(groups.values())

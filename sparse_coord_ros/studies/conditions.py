@@ -86,9 +86,9 @@ def _is_known(name: str) -> bool:
     return name in _shipped_names() or building(name) is not None
 
 
-def _misnamed(where: str, scenario: Scenario) -> ScenarioError:
+def _misnamed(source: str, scenario: Scenario) -> ScenarioError:
     return ScenarioError(
-        f"{where}: its name {scenario.name!r} is that of a shipped scenario, and results are "
+        f"{source}: its name {scenario.name!r} is that of a shipped scenario, and results are "
         "filed by name; give it another with the field 'name', or rename the file"
     )
 

@@ -76,17 +76,17 @@ def _pairs(interactions: str, seeds: Mapping[str, Sequence[int]]) -> tuple[Item,
     """Return buildings of two robots that no list has with the kind `together`."""
     return tuple(
         Item(f"{VERSIONS[1]}-{kind}-2r-{seed}", {"interactions": interactions})
-        for kind, own in seeds.items()
-        for seed in own
+        for kind, kind_seeds in seeds.items()
+        for seed in kind_seeds
     )
 
 
 def _unseen() -> dict[str, tuple[Item, ...]]:
-    found = {}
+    lists = {}
     for split, robots in product(SPLITS, TEAMS):
         first = "unseen2" if split == "test" else split
-        found[f"{first}-{SIZES[robots]}"] = _buildings(split, robots)
-    return found
+        lists[f"{first}-{SIZES[robots]}"] = _buildings(split, robots)
+    return lists
 
 
 LISTS: Mapping[str, tuple[Item, ...]] = {
@@ -118,7 +118,7 @@ def items_of(names: Sequence[str]) -> dict[str, tuple[Item, ...]]:
     """
     unknown = [name for name in names if name not in LISTS and not name.endswith(FILES)]
     if unknown or not names:
-        said = ", ".join(unknown) or "none"
+        values = ", ".join(unknown) or "none"
         allowed = f"{', '.join(LISTS)}, or a scenario file"
-        raise SettingError(f"lists: value is {said}, allowed: {allowed}")
+        raise SettingError(f"lists: value is {values}, allowed: {allowed}")
     return {name: LISTS.get(name, (Item(name),)) for name in names}

@@ -20,7 +20,7 @@ from sparse_coord_ros.studies.compared import (
     paper,
 )
 from sparse_coord_ros.studies.condition_result import ConditionResult
-from sparse_coord_ros.studies.figures import figures_of
+from sparse_coord_ros.studies.experiment_figures import figures_of
 from sparse_coord_ros.studies.frames import to_pandas
 
 BESIDE_PAPER: Mapping[str, Sequence[str]] = {
@@ -34,7 +34,9 @@ Row = dict[str, str]
 
 
 def write_report(
-    directory: Path, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
+    directory: Path,
+    chosen: Sequence[Experiment],
+    results_by_id: Mapping[str, ConditionResult],
 ) -> None:
     """Write tables and figures; the same results give the same bytes.
 
@@ -42,15 +44,18 @@ def write_report(
         directory: gets the folders `tables` (NAME.csv and NAME.md of each experiment) and
             `figures` (PNG).
         chosen: the experiments.
-        found: result of every condition of these experiments, by its id.
+        results_by_id: result of every condition of these experiments, by its id.
     """
     (directory / "tables").mkdir(parents=True, exist_ok=True)
     (directory / "figures").mkdir(exist_ok=True)
-    for one in chosen:
-        results = [found[each.id] for each in one.conditions]
-        write_whole(directory / f"tables/{one.name}.csv", to_csv(results))
-        write_whole(directory / f"tables/{one.name}.md", to_markdown(one.name, results))
-        for name, draw in figures_of(one.name).items():
+    for experiment in chosen:
+        results = [results_by_id[condition.id] for condition in experiment.conditions]
+        write_whole(directory / f"tables/{experiment.name}.csv", to_csv(results))
+        write_whole(
+            directory / f"tables/{experiment.name}.md",
+            to_markdown(experiment.name, results),
+        )
+        for name, draw in figures_of(experiment.name).items():
             picture = rendered(draw(results), "png", few=True)
             write_whole(directory / f"figures/{name}.png", picture)
 
@@ -71,33 +76,35 @@ def _beside_paper(
 ) -> Iterator[Row]:
     """Yield a row for each measure and scenario, with a column for each learner."""
     for measure in measures:
-        for own in by_scenario(results):
-            row = {"scenario": own[0].scenario.name, "measure": measure}
-            for one in own:
-                title = one.learner.title
-                row[title] = _cells(one)[HEADINGS[measure]]
-                printed = paper(one, measure)
+        for group in by_scenario(results):
+            row = {"scenario": group[0].scenario.name, "measure": measure}
+            for result in group:
+                title = result.learner.label
+                row[title] = _cells(result)[HEADINGS[measure]]
+                printed = paper(result, measure)
                 if printed is not None:
                     row[f"{title}, paper"] = f"{printed[0]:.2f}"
-            row["shortest paths"] = own[0].shortest_paths.in_words(measure)
+            row["shortest paths"] = group[0].shortest_paths.in_words(measure)
             if measure == "returns":
-                row |= _yardsticks(own[0])
+                row |= _yardsticks(group[0])
             yield row
 
 
 def _each(results: Sequence[ConditionResult]) -> Iterator[Row]:
     """Yield a row for each condition, with the settings that it changes."""
-    names = dict.fromkeys(name for one in results for name, _ in one.condition.settings)
-    for one in results:
-        plain = one.scenario.plain_settings
+    names = dict.fromkeys(
+        name for result in results for name, _ in result.condition.settings
+    )
+    for result in results:
+        plain = result.scenario.plain_settings
         yield {
-            "scenario": one.scenario.name,
-            "learner": one.learner.title,
+            "scenario": result.scenario.name,
+            "learner": result.learner.label,
             **{name: as_text(plain[name]) for name in names},
-            **_cells(one),
-            "failed teams": f"{one.measures.failed} of {one.runs}",
-            "shortest paths": one.shortest_paths.in_words("returns"),
-            **_yardsticks(one),
+            **_cells(result),
+            "failed teams": f"{result.measures.failed} of {result.runs}",
+            "shortest paths": result.shortest_paths.in_words("returns"),
+            **_yardsticks(result),
         }
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from sparse_coord_ros.base.errors import (
     SettingError,
     check_argument,
-    needed,
+    packages_needed,
 )
 from sparse_coord_ros.base.files import import_apart, path_argument
 from sparse_coord_ros.base.progress import Show, shown
@@ -80,7 +80,7 @@ def run_experiment(
     Args:
         what: names of experiments (see `experiment_names`), or ids of conditions such as
             "env1/coop/penalty=-20,ask_cost=2": scenario, learner, changed settings.
-        out: results directory, as of `sparse_coord reproduce`; None: do not save.
+        out: results directory, as `sparse_coord reproduce` writes it; None: do not save.
         runs: independent learning runs of a condition.
         trials: greedy trials of each run's team, where it is not evaluated exactly.
         seed: seed of run 0; run i has seed + i.
@@ -108,16 +108,16 @@ def run_experiment(
     )
     targets = parse_targets(_as_list(what))
     jobs = check_place(jobs, scheduler)
-    told = shown(progress, "agent-steps", named=True)
+    show = shown(progress, "agent-steps", named=True)
     if out is not None or scheduler is not None:
-        for one in targets.conditions:
-            check_found_elsewhere(one.scenario.perception)
+        for condition in targets.conditions:
+            check_found_elsewhere(condition.scenario.perception)
     if out is None:
         if report:
             raise SettingError("a report is files: name a results directory")
         with cluster_at(scheduler) as cluster:
             by = Computing(engine, jobs, cluster)
-            return compute(targets.conditions, plan, by, progress=told)
+            return compute(targets.conditions, plan, by, progress=show)
     directory = path_argument("out", out)
     write_report = _report_writer() if report and targets.experiments else None
     with (
@@ -125,10 +125,10 @@ def run_experiment(
         cluster_at(scheduler) as cluster,
     ):
         by = Computing(engine, jobs, cluster)
-        found = compute(targets.conditions, plan, by, results=results, progress=told)
+        by_id = compute(targets.conditions, plan, by, results=results, progress=show)
         if write_report is not None:
-            write_report(directory, targets.experiments, found)
-    return found
+            write_report(directory, targets.experiments, by_id)
+    return by_id
 
 
 def _as_list(
@@ -148,7 +148,13 @@ def _as_list(
 
 @dataclass(frozen=True)
 class Computing:
-    """Settings of the computation; attributes as of `run_batch`."""
+    """Settings of the computation.
+
+    Attributes:
+        engine: "numba", "python" or "auto".
+        jobs: threads or processes at once; None: all cores.
+        cluster: the cluster that computes; None: this machine.
+    """
 
     engine: str = "auto"
     jobs: int | None = None
@@ -172,30 +178,30 @@ def compute(
         results: the results directory, open; None: do not save.
         progress: see `Progress`.
     """
-    found: dict[str, ConditionResult | None] = {}
-    for one in conditions:
-        found[one.id] = None if results is None else results.load(one)
-    missing = [one for one in conditions if found[one.id] is None]
+    by_id: dict[str, ConditionResult | None] = {}
+    for condition in conditions:
+        by_id[condition.id] = None if results is None else results.load(condition)
+    missing = [condition for condition in conditions if by_id[condition.id] is None]
     computed: dict[str, dict[int, list[RunResult]]] = {}
     done = 0
-    total = sum(agent_steps(one.scenario) * plan.runs for one in missing)
+    total = sum(agent_steps(condition.scenario) * plan.runs for condition in missing)
     if missing:
         progress(missing[0].id, done, total)
     compute_all = _here if by.cluster is None else _on_cluster
-    for one, first_seed, runs in compute_all(missing, plan, by):
-        done += len(runs) * agent_steps(one.scenario)
-        progress(one.id, done, total)
-        own = computed.setdefault(one.id, {})
-        own[first_seed] = runs
-        if sum(map(len, own.values())) < plan.runs:
+    for condition, first_seed, runs in compute_all(missing, plan, by):
+        done += len(runs) * agent_steps(condition.scenario)
+        progress(condition.id, done, total)
+        of_condition = computed.setdefault(condition.id, {})
+        of_condition[first_seed] = runs
+        if sum(map(len, of_condition.values())) < plan.runs:
             continue
-        ordered = [run for seed in sorted(own) for run in own[seed]]
-        result = collect(one, plan.seed, ordered)
-        found[one.id] = result
-        del computed[one.id]
+        ordered = [run for seed in sorted(of_condition) for run in of_condition[seed]]
+        result = collect(condition, plan.seed, ordered)
+        by_id[condition.id] = result
+        del computed[condition.id]
         if results is not None:
-            results.save(one, result)
-    return {name: result for name, result in found.items() if result is not None}
+            results.save(condition, result)
+    return {name: result for name, result in by_id.items() if result is not None}
 
 
 Computed = Iterator[tuple[Condition, int, list[RunResult]]]
@@ -205,12 +211,13 @@ Computed = Iterator[tuple[Condition, int, list[RunResult]]]
 def _here(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
     """Compute conditions on this machine, one run after the other."""
     batches = [
-        Batch(one.scenario, learner_of(one.learner), plan.seeds) for one in conditions
+        Batch(condition.scenario, learner_of(condition.learner), plan.seeds)
+        for condition in conditions
     ]
     runs = run_batches(batches, trials=plan.trials, engine=by.engine, jobs=by.jobs)
-    for one in conditions:
+    for condition in conditions:
         for run in islice(runs, plan.runs):
-            yield one, run.seed, [result_of_run(run)]
+            yield condition, run.seed, [result_of_run(run)]
 
 
 def _on_cluster(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
@@ -218,13 +225,13 @@ def _on_cluster(conditions: Sequence[Condition], plan: Plan, by: Computing) -> C
     assert by.cluster is not None
     work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
     whose: list[Condition] = []
-    for one in conditions:
-        steps = agent_steps(one.scenario)
+    for condition in conditions:
+        steps = agent_steps(condition.scenario)
         runs = plan.runs * len(conditions)
         for share in by.cluster.shares(plan.seeds, steps, runs):
-            whose.append(one)
-            rule = learner_of(one.learner)
-            work.append((one.scenario, rule, share, plan.trials, by.engine))
+            whose.append(condition)
+            rule = learner_of(condition.learner)
+            work.append((condition.scenario, rule, share, plan.trials, by.engine))
     for number, runs in by.cluster.results(computed_runs, work):
         yield whose[number], work[number][2][0], runs
 
@@ -239,10 +246,9 @@ def computed_runs(
 
 def _report_writer() -> Callable[..., None]:
     """Return the report writer; raise `RunError` early, before hours of work, if it is missing."""
-    for package in ("pandas", "matplotlib"):
-        remedy = "pip install pandas matplotlib"
-        with needed(f"a report needs the Python package {package}", remedy):
-            import_apart(package, "matplotlibrc")
+    with packages_needed():
+        import_apart("pandas", "matplotlibrc")
+        import_apart("matplotlib", "matplotlibrc")
     from sparse_coord_ros.studies.report import write_report
 
     return write_report

@@ -96,8 +96,8 @@ class Plan:
 
 def computation_digest(condition: Condition) -> str:
     """Return a digest of everything that a result depends on besides seed and counts."""
-    said = [condition.learner, condition.scenario.computation()]
-    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
+    content = [condition.learner, condition.scenario.computation()]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 class Results:
@@ -131,11 +131,11 @@ class Results:
 
     def save(self, condition: Condition, result: ConditionResult) -> None:
         """Write a condition's result, whole or not at all."""
-        own = condition.own_scenario
+        own_scenario = condition.own_scenario
         data = {
             "computation": computation_digest(condition),
             "plan": asdict(self.plan),
-            "scenario": None if own is None else _scenario_data(own),
+            "scenario": None if own_scenario is None else _scenario_data(own_scenario),
             "result": result_data(result),
         }
         write_result(self.path(condition), to_text(data))
@@ -176,11 +176,13 @@ def _result_form(scenario: Scenario, plan: Plan) -> Mapping[str, Form]:
 
 def result_data(result: ConditionResult) -> dict[str, Any]:
     """Return what a file says of a condition's runs."""
-    found = result.measures
-    measures: dict[str, Any] = {"source": found.source}
+    measured = result.measures
+    measures: dict[str, Any] = {"source": measured.source}
     for name in (*MEASURES, *BY_CELL):
-        measures[name] = getattr(found, name).tolist()
-    measures["variances"] = {n: own.tolist() for n, own in found.variances.items()}
+        measures[name] = getattr(measured, name).tolist()
+    measures["variances"] = {
+        name: values.tolist() for name, values in measured.variances.items()
+    }
     return {"measures": measures, **{name: getattr(result, name) for name in SAVED}}
 
 
@@ -197,7 +199,9 @@ def _measures(plan: Plan, data: dict[str, Any]) -> Measures:
         unit=RUN,
         trials=plan.trials if source == TRIALS else 0,
         **{name: np.array(data[name]) for name in (*MEASURES, *BY_CELL)},
-        variances={name: np.array(own) for name, own in data["variances"].items()},
+        variances={
+            name: np.array(values) for name, values in data["variances"].items()
+        },
     )
 
 
@@ -223,10 +227,10 @@ def _result(
             result.
     """
     for name, wanted in asdict(plan).items():
-        found = data["plan"][name]
-        if found != wanted:
+        given = data["plan"][name]
+        if given != wanted:
             what = (
-                f"was computed with {name} {found}, this directory has {name} {wanted}"
+                f"was computed with {name} {given}, this directory has {name} {wanted}"
             )
             raise ResultsError(f"{path}: {what}; {REMEDY}")
     if data["computation"] != computation_digest(condition):
@@ -284,12 +288,12 @@ def _condition_at(file: Path, folder: Path, given: dict[str, Any] | None) -> Con
         SparseCoordError: the path is no condition's, or its scenario or learner is unknown; the
             data are no scenario, or belong to another path.
     """
-    place = str(file.relative_to(folder))
+    inside = str(file.relative_to(folder))
     scenario = None
     if given is not None:
         scenario = scenario_from_dict(given, where=str(file), name="unnamed")
-    condition = parse_id(place.removesuffix(".json"), scenario)
-    if place != f"{condition.id}.json":
+    condition = parse_id(inside.removesuffix(".json"), scenario)
+    if inside != f"{condition.id}.json":
         raise ResultsError(f"{file}: its place is {condition.id}.json; move it there")
     return condition
 
@@ -301,8 +305,8 @@ def _manifest(path: Path) -> Plan:
         ResultsError: it is missing or damaged, or in another format.
     """
     remedy = "give the directory that 'sparse_coord reproduce' wrote, or another --out"
-    said = read_checked(path, MANIFEST_FORM, remedy)
-    return Plan(said["seed"], said["runs"], said["trials"])
+    manifest = read_checked(path, MANIFEST_FORM, remedy)
+    return Plan(manifest["seed"], manifest["runs"], manifest["trials"])
 
 
 @contextmanager
@@ -335,14 +339,14 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
     wanted = asdict(plan)
     if not path.exists():
         # An interruption right at the beginning leaves our own half-written manifest.
-        if any(found.name != path.name + PARTIAL for found in directory.iterdir()):
+        if any(file.name != path.name + PARTIAL for file in directory.iterdir()):
             what = f"results directory {directory}: holds other files and no {MANIFEST}"
             raise ResultsError(f"{what}; choose an empty or new directory for --out")
         write_result(path, to_text({"version": __version__, **wanted}))
-    for name, found in asdict(_manifest(path)).items():
-        if found != wanted[name]:
+    for name, given in asdict(_manifest(path)).items():
+        if given != wanted[name]:
             raise ResultsError(
-                f"results directory {directory}: was made with {name} {found}, this is {name} "
+                f"results directory {directory}: was made with {name} {given}, this is {name} "
                 f"{wanted[name]}; results of different plans are not merged: use the same, or "
                 "another --out"
             )

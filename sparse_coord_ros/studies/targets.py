@@ -37,7 +37,9 @@ def parse_targets(asked: Sequence[str | Condition]) -> Targets:
         ScenarioError: an id with an unknown scenario.
     """
     chosen = tuple(experiment(name) for name in NAMES if name in asked)
-    conditions = {one.id: one for each in chosen for one in each.conditions}
+    conditions = {
+        condition.id: condition for whole in chosen for condition in whole.conditions
+    }
     digests: dict[str, str] = {}
     for target in asked:
         if target in NAMES:

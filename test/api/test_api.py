@@ -77,25 +77,6 @@ def test_importing_it_imports_nothing_else(python):
     assert out == "['sparse_coord_ros'] False\n"
 
 
-def test_all_of_it_needs_neither_ros_nor_pictures_nor_numba_nor_pandas(python):
-    heavy = ("rclpy", "matplotlib", "numba", "pandas")
-    out = python(
-        "-c",
-        "import sys\n"
-        f"for name in {heavy}: sys.modules[name] = None\n"
-        "import sparse_coord_ros as sc\n"
-        "for name in sc.__all__: getattr(sc, name)\n"
-        "scenario = sc.load_scenario('env1', steps=200)\n"
-        "training = sc.train(scenario)\n"
-        "print(sc.evaluate(training, trials=2).trials, training.history.episodes > 0)\n"
-        "print(len(sc.run_experiment('env1/coop/penalty=-1,steps=100', runs=1, trials=1)))\n"
-        "try: sc.evaluate(training, trials=2).to_pandas()\n"
-        "except sc.SparseCoordError as error: print(error)\n",
-    ).stdout
-    assert out.splitlines()[:2] == ["2 True", "1"]
-    assert "pip install pandas" in out
-
-
 def test_scenarios(tmp_path):
     assert "env1" in sc.scenario_names()
     base = sc.load_scenario("env1")

@@ -93,7 +93,7 @@ def test_robots_that_saw_their_peers_are_named_so(sparse_coord, trained):
     """The paper's learned from answers alone."""
     trained("env1", "--penalty", -20, "--set", "peers_seen=while_learning")
     out = sparse_coord("evaluate", "a", "--trials", 5)[1]
-    assert "\nCoop., peers seen while learning" in out and "paper" not in out
+    assert "\ncoop, peers seen while learning" in out and "paper" not in out
     data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])
     assert data["peers_seen"] == "while_learning"
 
@@ -131,7 +131,7 @@ def test_exact(sparse_coord, trained, folder):
     trained("env1")
     code, out, err = sparse_coord("evaluate", "a")
     assert (code, err) == (0, "")
-    assert out.splitlines()[2].startswith("Coop. ") and "  exact\n" in out
+    assert out.splitlines()[2].startswith("coop ") and "  exact\n" in out
     assert "trials" not in out
     assert "best asking team found" in out
     assert "118.51" in out
@@ -169,11 +169,11 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     )
     alike = sparse_coord("evaluate", "a", "b", "a")[1].splitlines()[2:5]
     named = [line.split("  ")[0] for line in alike]
-    assert named == ["a: Coop.", "Non-coop.", "a: Coop."]
+    assert named == ["a: coop", "noncoop", "a: coop"]
     env1, env2 = sparse_coord("evaluate", "a", "b", "c")[1].split("\n\n")
     assert [line.split("  ")[0] for line in env1.splitlines()[2:]] == [
-        "Coop.",
-        "Non-coop.",
+        "coop",
+        "noncoop",
         "fixed shortest paths",
         "best asking team found",
         "exact joint optimum",

@@ -206,12 +206,3 @@ def test_numba_missing(sparse_coord, refused, monkeypatch):
     assert err.count("numba is not installed: computing in plain Python") == 1
     assert np.isfinite(json.loads(plain)["conditions"][0]["returns"])
     assert "not installed" in refused(*arguments, "--engine", "numba")
-
-
-@pytest.mark.parametrize("package", ["pandas", "matplotlib"])
-def test_what_a_report_needs_is_missed_before_anything_is_computed(
-    refused, monkeypatch, package
-):
-    monkeypatch.setitem(sys.modules, package, None)
-    message = refused("reproduce", "table1", *FEW, "--out", "r")
-    assert f"Python package {package} " in message and "pip install" in message

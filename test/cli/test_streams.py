@@ -62,7 +62,13 @@ def test_signs_that_a_terminal_lacks_are_written_in_ascii(tmp_path, env):
     assert b" +/- " in done.stdout and done.stdout.isascii()
 
 
-@pytest.mark.parametrize("backend", ["module://nowhere.backend_inline", "Qt5Agg", "x"])
+@pytest.mark.parametrize(
+    "backend",
+    [
+        "module://nowhere.backend_inline",
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("Qt5Agg", "x")),
+    ],
+)
 def test_pictures_are_drawn_whatever_backend_a_notebook_has(tmp_path, backend):
     shell("TRAIN", tmp_path)
     env = {"MPLBACKEND": backend, "DISPLAY": ""}

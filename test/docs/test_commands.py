@@ -30,6 +30,7 @@ import pytest
 from patience import PATIENCE_SECONDS
 from PIL import Image
 
+from sparse_coord_ros.base.errors import EXIT_INTERRUPTED
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.cli.verbs import VERBS
 
@@ -178,7 +179,7 @@ def together(commands, shell):
             _stop(process, signal.SIGINT)
         for command, process in zip(commands, processes, strict=True):
             output, _ = process.communicate(timeout=PATIENCE_SECONDS)
-            assert process.returncode == 0, f"{command}\n{output}"
+            assert process.returncode in (0, EXIT_INTERRUPTED), f"{command}\n{output}"
     finally:
         for process in processes:
             _stop(process, signal.SIGKILL)

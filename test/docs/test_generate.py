@@ -37,7 +37,7 @@ def test_every_scenario_learner_and_name_has_its_page(made):
         assert f"scenarios/{name}.svg" in made
     assert "| exact joint optimum | -20 | 121.89 |" in made["scenarios/env1.md"]
     assert "| best asking team found | -100 | 118.51 |" in made["scenarios/env1.md"]
-    assert "| Coop. | -20 | 10,000 | 119.53 (" in made["scenarios/env1.md"]
+    assert "| coop | -20 | 10,000 | 119.53 (" in made["scenarios/env1.md"]
     for name in (
         name for name, rule in LEARNERS.registered.items() if is_shipped(rule)
     ):

@@ -12,10 +12,15 @@ that scenario; under the name of a learner, in the rows of this learner.
 
 import csv
 import importlib.util
+import inspect
+import math
 import re
 from pathlib import Path
 
 import pytest
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.core.learners import voi
 
 ROOT = Path(__file__).parents[2]
 TABLES = ROOT / "docs/tables"
@@ -80,3 +85,64 @@ def test_learned_numbers_are_those_of_the_file(page, name, table):
             ]
             assert any(number.groups() in formatted(row) for row in own), (line, cell)
     assert compared
+
+
+LEARNERS_PAGE = (ROOT / "docs/learners.md").read_text("utf-8")
+
+
+def test_code_beside_the_equations_is_that_of_the_learner():
+    source = inspect.getsource(voi)
+    lines = [line.strip() for line in source.splitlines()]
+    marked = r"<!-- test: no, it is part of voi.py -->\n```python\n(.*?)```"
+    parts = re.findall(marked, LEARNERS_PAGE, re.DOTALL)
+    assert len(parts) > 4
+    for part in parts:
+        assert "\n".join(map(str.strip, part.splitlines())) in "\n".join(lines)
+
+
+def test_the_example_to_recompute():
+    """Rows of the table on the page: U, Q^C with the peer in some cells, and Q*."""
+    scenario = sc.load_scenario("env1", peers_seen="while_learning")
+    run = sc.train(scenario.with_settings({"steps": 100_000}), "voi", seed=1)
+    robot = run.tables[0]
+    rows = {"U": robot.memory["u"][9], "Q\\*": robot.q_star[9]}
+    rows |= {f"Q^C, the peer in {z}": robot.q_coord[9, z] for z in (9, 10, 11)}
+    for name, values in rows.items():
+        shown = " | ".join(f"{value:.2f}" for value in values)
+        assert f"| {name} | {shown} |" in LEARNERS_PAGE
+
+
+def test_how_many_rows_of_the_paper_agree():
+    """By three standard errors: the paper's are of 1,000 trials, rounded to a decimal."""
+    said = {}
+    for name, measures in (
+        ("table1", ["returns"]),
+        ("table2", ["time_to_goal", "miscoordinations"]),
+        ("table3", ["returns"]),
+    ):
+        with (TABLES / f"{name}.csv").open(newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row["paper_returns"]]
+        for measure in measures:
+            apart = [
+                abs(float(r[measure]) - float(r[f"paper_{measure}"])) for r in rows
+            ]
+            errors = [
+                math.hypot(
+                    float(r[f"{measure}_error"]),
+                    float(r[f"paper_{measure}_spread"]) / math.sqrt(1000),
+                )
+                for r in rows
+            ]
+            agree = sum(a <= 3 * e + 0.05 for a, e in zip(apart, errors, strict=True))
+            said[name, measure] = (agree, len(rows))
+    page = " ".join((ROOT / "docs/paper.md").read_text("utf-8").split())
+    assert "{} of {} in Table 1".format(*said["table1", "returns"]) in page
+    assert "{} of {} in Table 3".format(*said["table3", "returns"]) in page
+    assert (
+        "All {} times to the goal agree".format(said["table2", "time_to_goal"][0])
+        in page
+    )
+    assert (
+        "and {} of {} [miscoordinations]".format(*said["table2", "miscoordinations"])
+        in page
+    )

@@ -47,7 +47,7 @@ def test_penalties_are_paid_by_their_factors():
     scenario = problem(
         "env2-4r", interactions="together:any_doorway", common_reward="each:0:1:0.5:3"
     )
-    [run] = run_batch(scenario, "noncoop", [7], trials=50)
+    [run] = run_batch(scenario, "coop", [7], trials=50)
     by_robot = run.measures.returns.mean(axis=0)
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
 

@@ -222,12 +222,6 @@ def test_a_cluster_without_workers_is_one_line(monkeypatch):
             cluster_at(made.scheduler_address).__enter__()
 
 
-def test_dask_missing(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(RunError, match="distributed"):
-        sc.train_many("env1", scheduler="tcp://127.0.0.1:1", runs=1)
-
-
 def test_jobs_are_of_one_machine():
     with pytest.raises(SettingError, match="setting jobs"):
         sc.run_experiment(CONDITIONS[0], scheduler="tcp://127.0.0.1:1", jobs=2)

@@ -307,13 +307,23 @@ SOME = {
 """Ways that are the same for all learners: cases that tell them apart."""
 
 
+LARGE = ("sixteen",)
+"""Cases that take seconds."""
+
+
 def matrix():
-    """Return each case with each way that can compute it."""
+    """Return each case with each way that can compute it.
+
+    `make test` runs each case in one of the ways, in turn; `make check-long` runs the others.
+    """
     found = []
-    for case in CASES:
+    for number, case in enumerate(CASES):
         some = [way for way, named in SOME.items() if case in named]
         for way in (*EVERYWHERE, *some):
-            found.append(pytest.param(case, way, id=f"{case}, {way.__name__}"))
+            sampled = way is EVERYWHERE[number % len(EVERYWHERE)] or way in some
+            marks = [] if sampled and case not in LARGE else [pytest.mark.long]
+            name = f"{case}, {way.__name__}"
+            found.append(pytest.param(case, way, id=name, marks=marks))
     return found
 
 

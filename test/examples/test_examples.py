@@ -95,7 +95,9 @@ OWN = ("expected_sarsa:ExpectedSarsa", "ucb:UCB", "boltzmann:Boltzmann")
 SETTINGS = {"steps": 600, "penalty": -20, "perception": "probability:0.7"}
 
 
-@pytest.fixture(params=OWN)
+@pytest.fixture(
+    params=[OWN[0], *(pytest.param(name, marks=pytest.mark.long) for name in OWN[1:])]
+)
 def own(request, monkeypatch):
     """Return the name of a learner of an example."""
     monkeypatch.syspath_prepend(EXAMPLES)
@@ -150,6 +152,7 @@ def test_own_exploration_learns_to_earn_nearly_what_coop_does(own):
     assert means[0] - 1.5 < means[1] < means[0] + 0.5
 
 
+@pytest.mark.long
 def test_vector_learner(said):
     """In seconds a team learns more than shortest paths earn."""
     lines = dict(line.split(": ") for line in said("vector_learner.py").splitlines())

@@ -97,7 +97,7 @@ def test_a_list_is_what_it_says():
 
 @pytest.mark.parametrize("name", LISTS)
 def test_every_scenario_of_a_list_has_a_gap(name):
-    for item in LISTS[name]:
+    for item in LISTS[name][:: 6 if name in SAMPLED else 1]:
         scenario = load_scenario(item.scenario).with_settings(
             {"penalty": PENALTY, **item.settings, "perception": "always"}
         )

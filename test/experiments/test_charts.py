@@ -21,7 +21,7 @@ from sparse_coord_ros.show.charts import (
     rendered,
 )
 from sparse_coord_ros.studies.catalogue import NAMES, REPORTED_LEARNERS, experiment
-from sparse_coord_ros.studies.figures import (
+from sparse_coord_ros.studies.experiment_figures import (
     MEASURABLE,
     asked_maps,
     figures_of,
@@ -188,7 +188,7 @@ def test_a_map_of_asks_says_its_learner_and_settings():
     result = result_of("env1", "voi", settings)
     said = [text.get_text() for text in asked_maps([result]).axes[0].texts]
     [title] = [text for text in said if "asks a robot" in text]
-    assert title.startswith("env1, Value of information\n")
+    assert title.startswith("env1, voi\n")
     assert all(
         f"{name} {value}" in " ".join(title.split()) for name, value in settings.items()
     )
@@ -218,7 +218,7 @@ def test_every_line_of_the_legend_can_be_seen(penalties):
     )
     [legend] = figure.legends
     said = [text.get_text() for text in legend.get_texts()]
-    assert said[:2] == ["Non-coop.", "Coop."]
+    assert said[:2] == ["noncoop", "coop"]
     assert "exact joint optimum" in said and "best asking team found" in said
     [panel] = figure.axes
     for line in panel.lines:

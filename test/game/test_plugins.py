@@ -154,7 +154,6 @@ def test_names_are_not_inherited(module, small):
     class Mine(type(learner_of("coop"))):
         pass
 
-    assert Mine.title == ""
     message = refusal(learner_of, Mine)
     assert "Mine: other processes cannot find it" in message
     Mine.name = "mine_of_tests"
@@ -423,7 +422,7 @@ def test_names_that_collide(module):
     assert "must be a subclass" in refusal(sc.register_learner, "coop")
     assert "'a b'" in refusal(sc.register_perception, "a b", lambda grid: None)
     assert "is no function" in refusal(sc.register_perception, "seven", 7)
-    assert learner_of("coop").title == "Coop."
+    assert type(learner_of("coop")) is sc.Coop
 
     class Other(sc.Coop):
         name = "mine_of_tests"

@@ -185,11 +185,18 @@ NO_ACTION = "it chose an action that it does not have"
 needs_numba = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 
 
+BESIDE = [(Strange, NO_ACTION), (Stray, NO_ACTION), (Beside, "IndexError: ind")]
+COMPILED = [
+    pytest.param(*BESIDE[0], "numba", marks=[needs_numba, pytest.mark.long]),
+    pytest.param(*BESIDE[1], "numba", marks=[needs_numba, pytest.mark.long]),
+    pytest.param(*BESIDE[2], "numba", marks=needs_numba),
+]
+
+
 @pytest.mark.parametrize(
-    ("learner", "words"),
-    [(Strange, NO_ACTION), (Stray, NO_ACTION), (Beside, "IndexError: ind")],
+    ("learner", "words", "engine"),
+    [*((*one, "python") for one in BESIDE), *COMPILED],
 )
-@pytest.mark.parametrize("engine", [pytest.param("numba", marks=needs_numba), "python"])
 def test_nothing_is_written_beside_arrays(learner, words, engine):
     scenario = load_scenario("env1", steps=100)
     with pytest.raises(PluginError, match=words):

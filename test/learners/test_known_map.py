@@ -145,6 +145,7 @@ def test_a_success_of_the_prior_has_no_meaning_without_the_map():
         assert (scenario.prior, scenario.known_success) == ("map", 0.9)
 
 
+@pytest.mark.long
 def test_two_thousand_steps_are_enough_for_robots_that_know_their_map():
     """In cmu robots without the map do not arrive so soon; 22.6 (0.5) was measured with it."""
     rewards = {}

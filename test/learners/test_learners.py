@@ -24,8 +24,6 @@ needs_numba = pytest.mark.skipif(not has_numba(), reason="numba is not installed
 class Heavy(Coop):
     """Weighs r^C five times."""
 
-    title = "Heavy"
-
     def weights(self, scenario):
         return RewardWeights(1.0, 5.0, 1.0)
 
@@ -63,16 +61,14 @@ class Looks(Coop):
 
 def test_the_papers_three_and_ours():
     expected = {
-        "coop": ("Coop.", True, False),
-        "noncoop": ("Non-coop.", False, False),
-        "indiv": ("Indiv.", False, True),
-        "voi": ("Value of information", True, False),
+        "coop": (True, False),
+        "noncoop": (False, False),
+        "indiv": (False, True),
+        "voi": (True, False),
     }
     # tests register others
     shipped = {name: LEARNERS.registered[name] for name in expected}
-    assert expected == {
-        n: (one.title, one.asks, one.alone) for n, one in shipped.items()
-    }
+    assert expected == {n: (one.asks, one.alone) for n, one in shipped.items()}
     for name, one in shipped.items():
         assert one.label == name
         assert one.weights(load_scenario("env1")) == RewardWeights(1, 1, 1)

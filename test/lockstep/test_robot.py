@@ -147,6 +147,8 @@ def test_no_action_after_the_budget():
     walk(robot, 1, 3)
     assert [done[1] for done in port.take()] == [1, 2, 3]
     assert robot.agent.tables.q_star[1, SOUTH] != 9.0  # the last transition is learned
+    robot.state(*robot.newest)  # the last state comes twice
+    assert port.take() == []
 
 
 def test_a_missed_end_is_mended_by_repetition():

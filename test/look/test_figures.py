@@ -4,7 +4,6 @@
 
 import json
 import shutil
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,7 +24,7 @@ from sparse_coord_ros.show.paths import paths_figure
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.sources import open_run
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.figures import results_figure
+from sparse_coord_ros.studies.experiment_figures import results_figure
 from sparse_coord_ros.studies.store import open_results
 
 
@@ -111,6 +110,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shape", SHAPES)
 def test_nothing_overlaps_on_wide_and_tall_maps(shape, tmp_path):
     """Titles, labels, legends, maps, scales and curves of the whole figure."""
@@ -215,7 +215,7 @@ def test_the_map_of_asks_is_of_the_hardest_penalty_and_says_so(tmp_path, capsys)
         "asks: env1/voi/penalty=-100, where robots ask most" in capsys.readouterr().err
     )
     [axes, _] = results_figure(tmp_path / "r", "asks")[1].axes
-    assert "env1, Value of information\npenalty -100\n0.800 asks a robot" in [
+    assert "env1, voi\npenalty -100\n0.800 asks a robot" in [
         t.get_text() for t in axes.texts
     ]
 
@@ -275,16 +275,3 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "alone" in said(capsys, results, trained, "--out", out)
     assert not out.exists()
-
-
-def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
-    for name in [
-        n
-        for n in sys.modules
-        if n.startswith(("sparse_coord_ros.show.fig", "matplotlib"))
-    ]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.charts", raising=False)
-    words = "this needs the Python package matplotlib (import of matplotlib halted"
-    assert words in said(capsys, trained, "--out", tmp_path / "x.png")

@@ -5,7 +5,7 @@
 import pytest
 
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.show.rules import rules_in_words
+from sparse_coord_ros.show.narrator import rules_in_words
 
 ENV1 = "If two robots are in one doorway, every robot pays 100. A question costs 1."
 

@@ -19,7 +19,8 @@ from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
 def test_all_arrive(tmp_path, hall, robots):
     write(hall, tmp_path)
     plan = read_floor_plan(tmp_path / f"{hall}.yaml")
-    (x, y) = plan.origin
+    x = plan.origin.x
+    y = plan.origin.y
     (rows, columns) = plan.free.shape
     west = x + 1.5
     east = x + columns * plan.resolution - 1.5

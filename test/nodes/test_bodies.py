@@ -504,9 +504,13 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     driver.destroy_node()
 
 
-def test_an_inactive_driver_waits_for_its_activation(bench):
+@pytest.mark.parametrize(
+    ("frames", "frame"),
+    [({"frame_prefix": "a_"}, "a_robot_1/base_link"), ({"base_frame": "hull"}, "hull")],
+)
+def test_an_inactive_driver_waits_for_its_activation(bench, frames, frame):
     bench.world(bodies=True, steps=5)
-    values = {"robot": "robot_1", "stamped": True, "frame_prefix": "a_"}
+    values = {"robot": "robot_1", "stamped": True, **frames}
     driver = bench.add(DriverNode(context=bench.place()[0], values=values))
     driver.trigger_deactivate()
     observer = bench.observer()
@@ -525,5 +529,5 @@ def test_an_inactive_driver_waits_for_its_activation(bench):
     bench.spin_until(lambda: driver.on_duty, "it reports for duty")
     driver.stop()
     bench.spin_until(lambda: commands, "a stamped command")
-    assert commands[0].header.frame_id == "a_robot_1/base_link"
+    assert commands[0].header.frame_id == frame
     assert commands[0].header.stamp.sec > 0 and commands[0].twist == Twist()

@@ -146,9 +146,9 @@ def finished(process):
 
 
 KILLS = {
-    "the recorder": one_or_all(RECORDER, plan=SLOW),
     "all, in one process": one_process,
     "a robot as it saves": dying("robot_1", "a file"),
+    "the recorder": one_or_all(RECORDER, plan=SLOW),
     "the world": one_or_all(WORLD),
     "a robot": one_or_all("robot_1"),
     "another robot": one_or_all("robot_2"),
@@ -159,7 +159,7 @@ KILLS = {
     "a robot during a resume": dying_as_another_comes_back("robot_1", "its obedience"),
     "all, and all again during the resume": all_twice,
 }
-SHORT = 3
+SHORT = 2
 CASES = [
     pytest.param(name, marks=[pytest.mark.long] * (k >= SHORT))
     for k, name in enumerate(KILLS)

@@ -311,20 +311,6 @@ def test_all_others_are_fixed(bench):
     assert set(PARAMETERS["world_simulator"]) <= set(response.result.names)
 
 
-def test_the_documentation_lists_the_parameters():
-    nodes: dict[tuple[str, ...], list[str]] = {}
-    for node, table in PARAMETERS.items():
-        for one in table.values():
-            default = "" if one.default in ("", [""]) else str(one.default)
-            default = default.lower() if one.kind is bool else default
-            meaning = f"{one.help} ({one.allowed})" if one.choices else one.help
-            if one.name not in SETTINGS:
-                nodes.setdefault((one.name, default, meaning), []).append(node)
-    rows = [f"| {', '.join(of)} | {' | '.join(row)} |" for row, of in nodes.items()]
-    text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
-    assert "\n".join(["|---|---|---|---|", *rows, "", ""]) in text, "\n".join(rows)
-
-
 def test_a_whole_number_is_a_number(bench):
     """`ros2 param set world_simulator rate 20` sends an integer."""
     observer = bench.observer()

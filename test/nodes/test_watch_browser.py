@@ -21,7 +21,7 @@ from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.growing import GrowingLog
 from sparse_coord_ros.log.runlog.relearned import Relearned
 from sparse_coord_ros.show.narrator import Narrator
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import Server
 
@@ -185,7 +185,7 @@ def shown(tab):
     scenario = load_scenario("crowd-4r", interactions="together+swap")
     board = MessageBoard()
     number = scenario.map.number
-    fields = messages.run_fields(make_run(scenario, {}))
+    fields = page_messages.run_fields(make_run(scenario, {}))
     board.put("run", source="live", title="made up", controls=(), **fields)
     server = Server(board, port=0)
     tab.goto(server.address)
@@ -478,7 +478,7 @@ def test_two_runs_are_beside_each_other(tab, start, learned, bag):
     )
     wait_for(tab, f"{titles}.length === 2")
     shown = tab.evaluate(titles)
-    assert shown[0].startswith("Athe paper's learner") and "ask_cost=0" in shown[0]
+    assert shown[0].startswith("Acoop") and "ask_cost=0" in shown[0]
     assert shown[1].startswith("B")
     state = "document.getElementById('state').textContent"
     click(tab, "pause")
@@ -519,7 +519,7 @@ def test_robots_of_all_runs_are_where_the_clock_says(tab):
     boards = [MessageBoard(), MessageBoard(), MessageBoard()]
     common = boards[2]
     for board in boards[:2]:
-        fields = messages.run_fields(run)
+        fields = page_messages.run_fields(run)
         board.put("run", source="bag", title="made up", controls=(), **fields)
     common.put("run", titles=["one", "other"], axes=["learned"], controls=())
     lengths = {"starts": [[1], [1]], "lengths": [[13], [13]], "offsets": [0]}
@@ -528,7 +528,7 @@ def test_robots_of_all_runs_are_where_the_clock_says(tab):
     def frame(step, places):
         seen = TeamTransition(step, places, (None, None), places, False)
         trails = [[cell] for cell in places]
-        fields = messages.frame_fields(seen, trails, narrator)
+        fields = page_messages.frame_fields(seen, trails, narrator)
         return {"state": "playing", "rate": 2.0, **fields}
 
     def clock(position, frames):

@@ -496,6 +496,7 @@ def settles(operator, game, tables=()):
     return limit(operator, game, begin, applications=700) is not None
 
 
+@pytest.mark.long
 def test_in_env2_it_goes_round_if_a_question_costs_12():
     for cost, settled in ((1, True), (12, False)):
         scenario = load_scenario("env2-2r", penalty=-100, ask_cost=cost)

@@ -200,17 +200,16 @@ def test_kinds_of_interaction_by_hand(make, grid, interactions, penalty, value):
     assert optimum.exact
 
 
-KINDS = [
-    "together",
+SOME = ["together", "block:anywhere", "together:anywhere+swap+block"]
+OTHERS = [
     "together:anywhere",
     "together:any_doorway",
     "swap",
     "block",
-    "block:anywhere",
     "together+swap",
-    "together:anywhere+swap+block",
     "together+swap+block:anywhere",
 ]
+KINDS = [*SOME, *(pytest.param(kind, marks=pytest.mark.long) for kind in OTHERS)]
 
 
 @pytest.mark.parametrize("interactions", KINDS)

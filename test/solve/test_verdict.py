@@ -108,7 +108,7 @@ def test_robots_that_cannot_ask_have_not_learned_to_coordinate(learner):
     assert found.kind == SILENT
     assert found.text == (
         "The team does not coordinate by asking: the learner "
-        f"{learner_of(learner).title} cannot ask. In this team a robot earns 117.00, robots that "
+        f"{learner} cannot ask. In this team a robot earns 117.00, robots that "
         "ignore each other 92.60, the best asking team found 118.51. Coordination will pay: "
         "a robot alone in the world earns 126.45; robots that ignore each other lose 33.86 of it "
         "each; a team can win back 27.96 of that, as much as 28.0 questions cost. "

@@ -14,6 +14,7 @@ from tools.bench.__main__ import FIGURES, main
 needs_cc = pytest.mark.skipif(not plain_c.has_compiler(), reason="needs cc")
 
 
+@pytest.mark.long
 def test_table_of_two_installations(capsys):
     """Each figure is measured in both; here the other one is the same."""
     assert main(["start", "--repeats", "1", "--beside", sys.executable]) == 0

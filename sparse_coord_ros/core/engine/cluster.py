@@ -20,7 +20,7 @@ from sparse_coord_ros.base.errors import (
     RunError,
     SettingError,
     SparseCoordError,
-    needed,
+    packages_needed,
 )
 from sparse_coord_ros.core.game.plugins import allow_modules, allowed
 from sparse_coord_ros.core.game.settings import Setting
@@ -208,8 +208,7 @@ def _call(
 
 def _connected(scheduler: SchedulerLike) -> "Client":
     """Return a client of a scheduler that has workers; a client is returned as it is."""
-    remedy = "pip install '.[cluster]', or leave --scheduler out"
-    with needed("a cluster needs the Python package distributed", remedy):
+    with packages_needed():
         from distributed import Client
     try:
         if isinstance(scheduler, str):

@@ -23,7 +23,6 @@ class NonCoop(Learner):
     """Q-learning, all robots learn at once, each for itself (paper, Section 4)."""
 
     name = "noncoop"
-    title = "Non-coop."
     summary = "Q-learning, all robots learn at once"
     asks = False
     values = ("q_star",)
@@ -71,6 +70,5 @@ class Indiv(NonCoop):
     """Q-learning of one robot at a time, so that robots never meet (paper, Section 4)."""
 
     name = "indiv"
-    title = "Indiv."
     summary = "Q-learning, one robot learns at a time"
     alone = True

@@ -36,7 +36,6 @@ class Coop(Learner):
     """Algorithm 1 of the paper."""
 
     name = "coop"
-    title = "Coop."
     summary = "Algorithm 1"
 
     class Mind(NamedTuple):

@@ -70,7 +70,6 @@ class CQ(Learner):
     """CQ-learning."""
 
     name = "cq"
-    title = "CQ-learning"
     summary = "CQ-learning; asks in cells marked by a statistical test (De Hauwere et al., 2010)"
     needs_map = True
 

@@ -31,7 +31,6 @@ class Hysteretic(NonCoop):
     """Hysteretic Q-learning."""
 
     name = "hysteretic"
-    title = "Hysteretic Q"
     summary = (
         "hysteretic Q-learning; values fall at a smaller rate (Matignon et al., 2007)"
     )

@@ -41,7 +41,6 @@ class Joint(Learner):
     """Joint-state Q-learning."""
 
     name = "joint"
-    title = "Joint-state Q"
     summary = "Q-learning of two robots on the joint state, which both always know"
     needs_map = True
     defaults = MappingProxyType({"peers_seen": WHILE_LEARNING})

@@ -161,7 +161,6 @@ class Learner:
 
     Attributes:
         name: its name for users, once it is registered.
-        title: its name in print; empty: its label.
         summary: its description, one line.
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
@@ -182,7 +181,6 @@ class Learner:
     """
 
     name: str | None = None
-    title: str = ""
     summary: str = ""
     asks: bool = True
     alone: bool = False
@@ -203,7 +201,7 @@ class Learner:
                 other parameters.
         """
         super().__init_subclass__(**more)
-        for attribute in ("name", "title", "summary"):
+        for attribute in ("name", "summary"):
             if attribute not in vars(cls):
                 setattr(cls, attribute, getattr(Learner, attribute))
         for name in _new_names(cls):

@@ -101,7 +101,6 @@ class Voi(Learner):
     """Algorithm 1 with the value of information."""
 
     name = "voi"
-    title = "Value of information"
     summary = "asks where knowing its peers' cells is worth more than a question costs"
     partners = True
     slow = 10

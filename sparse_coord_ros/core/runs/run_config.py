@@ -181,12 +181,11 @@ class RunConfig:
 
     @property
     def title(self) -> str:
-        """What its learner is called in print, as far as that may be known.
+        """What its learner is called in print.
 
         It names the information that the robots learned from if it is not that of Algorithm 1.
         """
-        rule = self.known_rule
-        title = self.learner if rule is None else rule.title or self.learner
+        title = self.learner
         if self.scenario.peers_seen == WHILE_LEARNING:
             title += ", peers seen while learning"
         return title

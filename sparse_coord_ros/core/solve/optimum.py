@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The exact joint optimum: value iteration over joint states and joint actions.
 
-The yardstick for Coop.: a single controller that sees the full joint state, chooses the joint
+The yardstick for `coop`: a single controller that sees the full joint state, chooses the joint
 action and pays nothing for asking. Its value is the average over the robots, as in the paper.
 
 Robots that can only be together move independently, and a step pays by the cells in which it ends:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The value of fixed shortest-path policies, to which "Indiv." of the paper tends.
+"""The value of fixed shortest-path policies, to which `indiv` tends.
 
 Each robot walks a shortest path to its goal and never minds the others (paper, Section 4). If
 robots can only be together, they are independent Markov chains: each is carried forward on its
@@ -40,10 +40,9 @@ those of one seed."""
 def shortest_paths(scenario: ScenarioLike) -> Measures:
     """Return the measures of fixed shortest paths, with no coordination (paper, Section 4).
 
-    It is what Indiv. tends to. Of equally short ways each move is equally likely at every cell, as
-    greedy agents choose between equal values. They are exact, but for more than two robots that
-    swap or block they are those of 10,000 trials.
-
+    It is what `indiv` tends to. Of equally short ways each move is equally likely at every cell,
+    as greedy agents choose between equal values. They are exact, but for more than two robots
+    that swap or block they are those of 10,000 trials.
     Robots that can only be together are independent: their returns and times to the goal know no
     horizon, unlike those of trials, and spreads are not known. Miscoordinations and arrivals are
     those within the horizon.

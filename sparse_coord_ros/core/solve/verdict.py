@@ -112,7 +112,7 @@ def verdict_on(scenario: Scenario, learner: Learner, found: Measures) -> Verdict
     if not learner.asks or asks < RARE:
         why = f"a robot asks {asks:.2g} times an episode"
         if not learner.asks:
-            why = f"the learner {learner.title or learner.label} cannot ask"
+            why = f"the learner {learner.label} cannot ask"
         said = (
             f"The team does not coordinate by asking: {why}. In this team {own}, "
             f"the {name} {best:.2f}. {expected.text} {remedy}"

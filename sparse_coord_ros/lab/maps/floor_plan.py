@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from scipy import ndimage
 
 from sparse_coord_ros.core.game.pose import Pose
 
@@ -108,6 +107,8 @@ def wall_direction(plan: FloorPlan) -> float | None:
     Returns:
         None if there are few walls, or if no direction is much better than the others.
     """
+    from scipy import ndimage  # a map's picture does not need it
+
     edges = ~plan.free & ndimage.binary_dilation(plan.free, np.ones((3, 3)))
     clearest = CLEAR_DIRECTION
     direction = None

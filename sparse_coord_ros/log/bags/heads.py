@@ -37,7 +37,7 @@ MESSAGE_HEAD = np.dtype(
         ("publish_ns", "i8"),
     ]
 )
-"""A message without its data: channel, place of its topic among the bag's, size of the data,
+"""A message without its data: channel, index of its topic in `Bag.names`, size of the data,
 sequence number, log time, publish time."""
 
 
@@ -57,17 +57,17 @@ def message_heads(
     Raises:
         DamagedChunk: a record does not fit into the content.
     """
-    places: list[int] = []
-    place = 0
+    offsets: list[int] = []
+    offset = 0
     size = len(content)
-    append = places.append
+    append = offsets.append
     length_at = LENGTH.unpack_from
-    while place <= size - RECORD:
-        append(place)
-        place += RECORD + length_at(content, place + 1)[0]
-    if place != size:
+    while offset <= size - RECORD:
+        append(offset)
+        offset += RECORD + length_at(content, offset + 1)[0]
+    if offset != size:
         raise DamagedChunk("the last record of a chunk does not fit into it")
-    begins = np.array(places, dtype=np.int64)
+    begins = np.array(offsets, dtype=np.int64)
     ends = np.append(begins[1:], size)
     opcodes = np.frombuffer(content, dtype=np.uint8)[begins]
     is_message = opcodes == Opcode.MESSAGE

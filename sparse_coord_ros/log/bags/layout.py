@@ -113,14 +113,14 @@ class OutputFile:
     def _copied_out(self, whole: Path) -> Path:
         """Return the copy of a file that was deleted; the last OSError passes."""
 
-        def write(place: Path) -> None:
+        def write(directory: Path) -> None:
             try:
-                with open(place / whole.name, "xb") as copy:
+                with open(directory / whole.name, "xb") as copy:
                     self._file.seek(0)
                     shutil.copyfileobj(self._file, copy, 1 << 20)
                     os.fsync(copy.fileno())
             except OSError:
-                shutil.rmtree(place, ignore_errors=True)
+                shutil.rmtree(directory, ignore_errors=True)
                 raise
 
         return rescue(whole.parent, write) / whole.name

@@ -45,15 +45,18 @@ class Playlist:
             names = ", ".join(sorted(topics))
             raise BagError(f"bag {bag.path}: no message to play on {names}")
         heads = np.concatenate(
-            [part.heads[places] for part, places in zip(bag.parts, chosen, strict=True)]
+            [
+                part.heads[indices]
+                for part, indices in zip(bag.parts, chosen, strict=True)
+            ]
         )
-        parts = np.repeat(np.arange(len(chosen)), [len(places) for places in chosen])
+        parts = np.repeat(np.arange(len(chosen)), [len(indices) for indices in chosen])
         order = np.argsort(heads["log_ns"], kind="stable")
         self._times = heads["log_ns"][order]
         self._kinds = heads["topic"][order]
         self._parts = parts[order]
-        self._places = np.concatenate(chosen)[order]
-        known = {name: place for place, name in enumerate(bag.names)}
+        self._indices = np.concatenate(chosen)[order]
+        known = {name: number for number, name in enumerate(bag.names)}
         self._kept = [known[name] for name in sorted(kept) if name in known]
         clock = known.get(bag.clock or "", -1)
         ticks = self._times[self._kinds == clock]
@@ -70,14 +73,14 @@ class Playlist:
         self._next = 0
 
     def _chosen(self, part: Part, topics: Collection[str]) -> np.ndarray:
-        """Return the places of the messages to play in a part, without superseded ones."""
+        """Return the indices of the messages to play in a part, without superseded ones."""
         end_ns = self._bag.ends_ns[part.file]
-        places = self._bag.chosen(part, topics)
-        times = part.heads["log_ns"][places]
+        indices = self._bag.chosen(part, topics)
+        times = part.heads["log_ns"][indices]
         # An episode may end with the states of the very step at which a segment begins.
-        states = [one for one in topics if one.endswith(f"/{LOCAL_STATE.name}")]
-        last = np.isin(places, self._bag.chosen(part, states)) & (times == end_ns)
-        return places[(times < end_ns) | last]
+        states = [topic for topic in topics if topic.endswith(f"/{LOCAL_STATE.name}")]
+        last = np.isin(indices, self._bag.chosen(part, states)) & (times == end_ns)
+        return indices[(times < end_ns) | last]
 
     def __len__(self) -> int:
         """Return the number of messages."""
@@ -126,4 +129,4 @@ class Playlist:
     def _at(self, number: int) -> Message:
         """Return a message by its place in the order of log times."""
         part = self._bag.parts[self._parts[number]]
-        return self._bag.message(part, int(self._places[number]))
+        return self._bag.message(part, int(self._indices[number]))

@@ -70,7 +70,7 @@ class Message(NamedTuple):
         data: the serialised message with its CDR header.
         log_time_ns: time of reception.
         publish_time_ns: time of publication.
-        sequence: its place in its channel, if the writer counts; `BagWriter` does, from 0 in each
+        sequence: its number in its channel, if the writer counts; `BagWriter` does, from 0 in each
             file.
     """
 
@@ -87,8 +87,8 @@ class Part(NamedTuple):
     Attributes:
         file: number of their file, from 0.
         content: bytes that contain their data.
-        begins: offset of each one's data in it, shape (messages,).
-        heads: their heads, of type `heads.MESSAGE_HEAD`, same shape; `topic` is the place of their
+        begins: offset of each message's data in it, shape (messages,).
+        heads: their heads, of type `heads.MESSAGE_HEAD`, same shape; `topic` is the index of their
             topic in `Bag.names`.
     """
 
@@ -97,10 +97,10 @@ class Part(NamedTuple):
     begins: np.ndarray
     heads: np.ndarray
 
-    def data(self, place: int) -> bytes:
+    def data(self, index: int) -> bytes:
         """Return the data of a message."""
-        begin = int(self.begins[place])
-        return self.content[begin : begin + int(self.heads["size"][place])]
+        begin = int(self.begins[index])
+        return self.content[begin : begin + int(self.heads["size"][index])]
 
 
 class BagFile:
@@ -145,10 +145,8 @@ class BagFile:
         if self.finished:
             return
         whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
-        if (
-            not self.path.exists() and whole.exists()
-        ):  # its recorder has finished it meanwhile
-            self.path = whole
+        if not self.path.exists() and whole.exists():
+            self.path = whole  # its recorder has finished it meanwhile
         with open_to_read(self.path) as file, failing(f"cannot read {self.path}"):
             self.size = file.seek(0, 2)
             file.seek(self.read_to)
@@ -184,10 +182,10 @@ class BagFile:
         self.start_ns = min(self.start_ns, start_ns) if self.filled else start_ns
         self.end_ns = max(self.end_ns, int(heads["log_ns"].max()))
         counts = np.bincount(heads["topic"])
-        for place in np.flatnonzero(counts).tolist():
-            self.counts[names[place]] += int(counts[place])
-            if self.begins_ns is None and names[place].endswith(f"/{RUN.name}"):
-                self.begins_ns = int(heads["log_ns"][heads["topic"] == place][0])
+        for topic in np.flatnonzero(counts).tolist():
+            self.counts[names[topic]] += int(counts[topic])
+            if self.begins_ns is None and names[topic].endswith(f"/{RUN.name}"):
+                self.begins_ns = int(heads["log_ns"][heads["topic"] == topic][0])
 
 
 def check_begin(path: Path, begin: bytes) -> None:
@@ -272,7 +270,8 @@ class Bag:
                 except Exception as error:  # the libraries may raise any exception
                     file.note_damage(error)
                     break
-                if sum(len(one[0]) for one in waiting) > TOGETHER or len(loose) > 1000:
+                size = sum(len(content) for content, _, _ in waiting)
+                if size > TOGETHER or len(loose) > 1000:
                     yield from self._together(number, waiting, loose)
             yield from self._together(number, waiting, loose)
 
@@ -288,10 +287,10 @@ class Bag:
         contents = [content for content, _, _ in waiting]
         starts = np.cumsum([0, *map(len, contents)])
         begins = [
-            places + start
-            for (_, places, _), start in zip(waiting, starts, strict=False)
+            offsets + start
+            for (_, offsets, _), start in zip(waiting, starts, strict=False)
         ]
-        heads = [one for _, _, one in waiting]
+        heads = [chunk_heads for _, _, chunk_heads in waiting]
         waiting.clear()
         loose.clear()
         if not sum(map(len, heads)):
@@ -303,8 +302,8 @@ class Bag:
         part.heads["topic"] = file.topic_of[part.heads["channel"]]
         file.note(part.heads, self.names)
         sizes = np.bincount(part.heads["topic"], part.heads["size"])
-        for place in np.flatnonzero(sizes).tolist():
-            self.sizes[self.names[place]] += int(sizes[place])
+        for topic in np.flatnonzero(sizes).tolist():
+            self.sizes[self.names[topic]] += int(sizes[topic])
         yield part
 
     def _messages(
@@ -344,8 +343,8 @@ class Bag:
         elif isinstance(record, Metadata):
             self.metadata.setdefault(record.name, record.metadata)
         elif isinstance(record, Attachment):
-            said = record.name, record.media_type, len(record.data)
-            self.attachments.append(said)
+            attachment = record.name, record.media_type, len(record.data)
+            self.attachments.append(attachment)
 
     @property
     def finished(self) -> bool:
@@ -386,8 +385,8 @@ class Bag:
         """
         begins = [file.begins_ns for file in self.files]
         ends = []
-        for place in range(len(begins)):
-            later = [ns for ns in begins[place + 1 :] if ns is not None]
+        for number in range(len(begins)):
+            later = [ns for ns in begins[number + 1 :] if ns is not None]
             ends.append(min(later, default=LATEST_NS))
         return ends
 
@@ -420,14 +419,14 @@ class Bag:
         Its type identifies it. Of several, it is the one with the usual name, else the one with
         most messages.
         """
-        kind = CLOCK.type_name
-        found = sorted(
-            name for name, one in self.topics.items() if one.type_name == kind
+        clocks = sorted(
+            name
+            for name, topic in self.topics.items()
+            if topic.type_name == CLOCK.type_name
         )
-        counts = self.counts
-        return max(
-            found, key=lambda one: (one == f"/{CLOCK.name}", counts[one]), default=None
-        )
+        if f"/{CLOCK.name}" in clocks:
+            return f"/{CLOCK.name}"
+        return max(clocks, key=self.counts.__getitem__, default=None)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
         """Yield the messages that were kept, in the order of the files.
@@ -436,21 +435,21 @@ class Bag:
             topics: names of the topics to yield; None: all.
         """
         for part in self.parts:
-            for place in self.chosen(part, topics).tolist():
-                yield self.message(part, place)
+            for index in self.chosen(part, topics).tolist():
+                yield self.message(part, index)
 
     def chosen(self, part: Part, topics: Collection[str] | None) -> np.ndarray:
-        """Return the places of the messages of some topics in a part."""
+        """Return the indices of the messages of some topics in a part."""
         if topics is None:
             return np.arange(len(part.heads))
-        mine = [place for place, name in enumerate(self.names) if name in topics]
-        return np.flatnonzero(np.isin(part.heads["topic"], mine))
+        numbers = [number for number, name in enumerate(self.names) if name in topics]
+        return np.flatnonzero(np.isin(part.heads["topic"], numbers))
 
-    def message(self, part: Part, place: int) -> Message:
+    def message(self, part: Part, index: int) -> Message:
         """Return a message of a part."""
-        head = part.heads[place]
+        head = part.heads[index]
         numbers = (int(head[name]) for name in ("log_ns", "publish_ns", "sequence"))
-        return Message(self.names[head["topic"]], part.data(place), *numbers)
+        return Message(self.names[head["topic"]], part.data(index), *numbers)
 
 
 def _outside_of_chunks(

@@ -43,13 +43,12 @@ def schema_text(type_name: str) -> str:
     def with_dependencies(name: str) -> str:
         text = whole = _definition(name)
         package = name.partition("/")[0]
-        for one in sorted(
-            {_full(t, package) for t in _FIELD.findall(text)} - _PRIMITIVES
-        ):
-            if one not in seen:
-                seen.add(one)
-                path = one.replace("/", "/msg/") if one.count("/") == 1 else one
-                whole += f"\n{_SEPARATOR}\nMSG: {one}\n{with_dependencies(path)}"
+        types = {_full(field, package) for field in _FIELD.findall(text)}
+        for kind in sorted(types - _PRIMITIVES):
+            if kind not in seen:
+                seen.add(kind)
+                path = kind.replace("/", "/msg/") if kind.count("/") == 1 else kind
+                whole += f"\n{_SEPARATOR}\nMSG: {kind}\n{with_dependencies(path)}"
         return whole
 
     return with_dependencies(type_name)

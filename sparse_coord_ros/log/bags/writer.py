@@ -5,7 +5,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from sparse_coord_ros.base.errors import BagError
 from sparse_coord_ros.base.version import __version__
@@ -84,6 +84,8 @@ class BagWriter:
             chunk_size=self._chunk_size,
             compression=CompressionType.ZSTD,
             enable_data_crcs=True,
+            # no attachments: `pymcap-cli doctor` takes an index without entries for damage
+            index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
@@ -152,9 +154,12 @@ class BagWriter:
         if schema not in self._schema_ids:
             self._schema_ids[schema] = self._writer.register_schema(*schema)
         profiles = offered_qos_profiles(topic.qos)
-        said = {"offered_qos_profiles": profiles, "topic_type_hash": topic.type_hash}
+        metadata = {
+            "offered_qos_profiles": profiles,
+            "topic_type_hash": topic.type_hash,
+        }
         channel_id = self._writer.register_channel(
-            topic.name, "cdr", self._schema_ids[schema], said
+            topic.name, "cdr", self._schema_ids[schema], metadata
         )
         self._counts[channel_id] = 0
         return channel_id
@@ -228,15 +233,19 @@ class BagWriter:
 
     def _finish_file(self) -> None:
         """Finish and rename the file, and close it in any case."""
-        counts = {one: self._counts[c] for one, c in self._channels.items()}
+        counts = {
+            topic: self._counts[channel] for topic, channel in self._channels.items()
+        }
         file = FileSummary(self._file_name, counts, self._start_ns, self._end_ns)
         try:
             self._file.check_usable()
             self._writer.flush()
             # rosbag2 also stores its information in the file, and reads it from there if the MCAP
             # file is opened alone.
-            said = yaml_text(bag_information([file], self._topics.values()))
-            self._writer.add_metadata(METADATA_RECORD, {"serialized_metadata": said})
+            information = yaml_text(bag_information([file], self._topics.values()))
+            self._writer.add_metadata(
+                METADATA_RECORD, {"serialized_metadata": information}
+            )
             self._writer.finish()
             self._file.finish()
         finally:

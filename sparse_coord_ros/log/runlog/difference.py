@@ -71,9 +71,9 @@ def first_entry(
         The array with the entry, the logged value, the computed value; None: all are equal.
     """
     for name in (*computed, *logged):
-        found = _first_bits(logged.get(name), computed.get(name))
-        if found is not None:
-            entry, value, due = found
+        difference = _first_bits(logged.get(name), computed.get(name))
+        if difference is not None:
+            entry, value, due = difference
             return f"{name.replace(f'_{robot + 1}', '', 1)}{entry}", value, due
     return None
 

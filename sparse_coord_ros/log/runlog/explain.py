@@ -15,7 +15,7 @@ from sparse_coord_ros.core.learners.rules import greedy
 from sparse_coord_ros.core.learners.voi import Voi, by_policy
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.percepts import percept_end
+from sparse_coord_ros.log.runlog.percept_check import percept_end
 from sparse_coord_ros.log.runlog.replay import (
     Replay,
     Trajectory,
@@ -125,14 +125,16 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
     elif log.run.known_rule is not None and doubt is None:
         doubt = f"the log does not hold the tables that {log.names[robot]} began with"
     for step in steps:
-        place = int(np.searchsorted(trajectory.step, step))
-        if step in trajectory.step and log.asked[trajectory.row[place], robot]:
-            one = _logged(log, robot, trajectory, place)._replace(doubt=doubt)
+        index = int(np.searchsorted(trajectory.step, step))
+        if step in trajectory.step and log.asked[trajectory.row[index], robot]:
+            coordination = _logged(log, robot, trajectory, index)._replace(doubt=doubt)
             if replay is not None:
                 if not log.between(first, step).whole:
-                    one = one._replace(doubt="the log lacks messages before it")
-                one = _replayed(log, one, trajectory, replay, place)
-            yield one
+                    coordination = coordination._replace(
+                        doubt="the log lacks messages before it"
+                    )
+                coordination = _replayed(log, coordination, trajectory, replay, index)
+            yield coordination
 
 
 def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | None]:
@@ -151,80 +153,86 @@ def _tables_before(log: RunLog, robot: int, step: int) -> tuple[int, Memory | No
 
 
 def _logged(
-    log: RunLog, robot: int, trajectory: Trajectory, place: int
+    log: RunLog, robot: int, trajectory: Trajectory, index: int
 ) -> Coordination:
     """Return a COORDINATE as logged, without values and update."""
-    step = int(trajectory.step[place])
-    row = trajectory.row[place]
-    where = int(trajectory.cell[place])
-    peers = tuple(trajectory.peers[place].tolist())
+    step = int(trajectory.step[index])
+    row = trajectory.row[index]
+    cell = int(trajectory.cell[index])
+    peers = tuple(trajectory.peers[index].tolist())
     end = percept_end(log.column(PERCEPT.name)[row, robot])
-    perceived = trajectory.perceived_at(place)
+    perceived = trajectory.perceived_at(index)
     move = int(log.move[row, robot])
-    return Coordination(step, robot, where, peers, end, perceived, move)
+    return Coordination(step, robot, cell, peers, end, perceived, move)
 
 
 def _replayed(
-    log: RunLog, one: Coordination, trajectory: Trajectory, replay: Replay, place: int
+    log: RunLog,
+    logged: Coordination,
+    trajectory: Trajectory,
+    replay: Replay,
+    index: int,
 ) -> Coordination:
     """Replay a robot up to its COORDINATE and over it; return it with values and update."""
     agent = replay.agent
-    cell = one.cell
-    agrees = replay.advance(place)
-    reason = reason_of(replay, one.step, cell, one.perceived)
-    known = _known(log, trajectory, place)
+    cell = logged.cell
+    agrees = replay.advance(index)
+    reason = reason_of(replay, logged.step, cell, logged.perceived)
+    known = _known(log, trajectory, index)
     star = agent.values(cell)[COORDINATE]
     row = agent.values_asking(cell, known)
-    if not agrees or not replay.advance(place + 1):
-        move = one.move if replay.other is None else replay.other.move
-        return one._replace(move=move, reason=reason._replace(move=move), agrees=False)
-    one = one._replace(reason=reason)
-    if not trajectory.learned[place]:
-        return one
+    if not agrees or not replay.advance(index + 1):
+        move = logged.move if replay.other is None else replay.other.move
+        return logged._replace(
+            move=move, reason=reason._replace(move=move), agrees=False
+        )
+    logged = logged._replace(reason=reason)
+    if not trajectory.learned[index]:
+        return logged
     coord = later = None
     if _is_voi(agent.learner):
-        learned = _a_step_later(log, trajectory, replay, place, known)
+        learned = _a_step_later(log, trajectory, replay, index, known)
         if learned is not None:
             later = (cell, *(known or ())), row, learned
     elif known is not None:
         learned = agent.values_asking(cell, known)
-        coord = (cell, *known, one.move), row[one.move], learned[one.move]
+        coord = (cell, *known, logged.move), row[logged.move], learned[logged.move]
     update = Update(
-        next_cell=int(trajectory.next_cell[place]),
-        reward=float(log.column("total")[trajectory.row[place], one.robot]),
+        next_cell=int(trajectory.next_cell[index]),
+        reward=float(log.column("total")[trajectory.row[index], logged.robot]),
         star=((cell, COORDINATE), star, agent.values(cell)[COORDINATE]),
         coord=coord,
         later=later,
     )
-    return one._replace(update=update)
+    return logged._replace(update=update)
 
 
-def _known(log: RunLog, trajectory: Trajectory, place: int) -> tuple[int, ...] | None:
+def _known(log: RunLog, trajectory: Trajectory, index: int) -> tuple[int, ...] | None:
     """Return the peers' cells from which a robot learns; None: it knows none."""
     if not log.run.sees_all:
-        return trajectory.perceived_at(place)
-    cells = log.cells[trajectory.row[place]]
-    return tuple(cells[trajectory.peers[place]].tolist())
+        return trajectory.perceived_at(index)
+    cells = log.cells[trajectory.row[index]]
+    return tuple(cells[trajectory.peers[index]].tolist())
 
 
 def _a_step_later(
     log: RunLog,
     trajectory: Trajectory,
     replay: Replay,
-    place: int,
+    index: int,
     known: tuple[int, ...] | None,
 ) -> list[float] | None:
     """Return the row of Q^C of an action after the next step; None: it did not learn from that."""
-    step = int(trajectory.step[place])
-    follows = step + 1 in trajectory.step[place + 1 : place + 2]
-    if not (follows and trajectory.learned[place + 1]):
+    step = int(trajectory.step[index])
+    follows = step + 1 in trajectory.step[index + 1 : index + 2]
+    if not (follows and trajectory.learned[index + 1]):
         return None
     agent = agent_with(log, replay.agent.number, replay.agent.memory())
     ahead = Replay(log, trajectory, agent)
-    ahead.reached = place + 1
-    if not ahead.advance(place + 2):
+    ahead.reached = index + 1
+    if not ahead.advance(index + 2):
         return None
-    return agent.values_asking(int(trajectory.cell[place]), known)
+    return agent.values_asking(int(trajectory.cell[index]), known)
 
 
 def reason_of(
@@ -361,51 +369,60 @@ def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str
     return f"reward {reward:g}, to {cell_in_words(run, next_cell)}"
 
 
-def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
+def in_words(log: RunLog, coordination: Coordination) -> Iterator[str]:
     """Yield the lines of a COORDINATE: question, answer, move, update."""
-    yield f"time step {one.step}: {choice_in_words(log.run, one.robot, one.cell)}"
-    if one.doubt is not None and one.reason is not None:
-        yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
-    if one.reason is not None:
-        yield f"  Q*[{one.cell}]: {row_in_words(one.reason.star)}"
-    if one.reason is not None and one.reason.alone is not None:
-        yield f"  U[{one.cell}], alone: {row_in_words(one.reason.alone)}"
-    yield from _question(log, one)
-    yield from _move(log, one)
-    if one.reason is not None:
-        yield from _learned(log, one)
+    choice = choice_in_words(log.run, coordination.robot, coordination.cell)
+    yield f"time step {coordination.step}: {choice}"
+    if coordination.doubt is not None and coordination.reason is not None:
+        yield f"  (the numbers may be wrong: {coordination.doubt}; see 'sparse_coord verify')"
+    if coordination.reason is not None:
+        yield f"  Q*[{coordination.cell}]: {row_in_words(coordination.reason.star)}"
+    if coordination.reason is not None and coordination.reason.alone is not None:
+        yield f"  U[{coordination.cell}], alone: {row_in_words(coordination.reason.alone)}"
+    yield from _question(log, coordination)
+    yield from _move(log, coordination)
+    if coordination.reason is not None:
+        yield from _learned(log, coordination)
 
 
-def _question(log: RunLog, one: Coordination) -> Iterator[str]:
+def _question(log: RunLog, coordination: Coordination) -> Iterator[str]:
     """Yield the lines of the question, and of the percept that came of it."""
-    peers = ", ".join(log.names[peer] for peer in one.peers) or "no peer"
+    peers = ", ".join(log.names[peer] for peer in coordination.peers) or "no peer"
     yield f"  asks {peers}"
-    if one.perceived is None:
-        yield f"  perceives nothing ({one.outcome})"
+    if coordination.perceived is None:
+        yield f"  perceives nothing ({coordination.outcome})"
     else:
-        cells = ", ".join(cell_in_words(log.run, cell) for cell in one.perceived)
+        cells = ", ".join(
+            cell_in_words(log.run, cell) for cell in coordination.perceived
+        )
         yield f"  perceives {cells}"
 
 
-def _move(log: RunLog, one: Coordination) -> Iterator[str]:
+def _move(log: RunLog, coordination: Coordination) -> Iterator[str]:
     """Yield the lines of the move after the percept, and of the reason for it."""
-    reason = one.reason
+    reason = coordination.reason
     for why in why_in_words(reason):
         yield f"  {why}"
-    cell: int | None = one.cell
-    if log.why_not_computed(one.robot) or (reason is None and moves_otherwise(log.run)):
+    cell: int | None = coordination.cell
+    if log.why_not_computed(coordination.robot) or (
+        reason is None and moves_otherwise(log.run)
+    ):
         cell = None
-    move = move_in_words(log.run, cell, one.perceived, one.move, reason)
+    move = move_in_words(
+        log.run, cell, coordination.perceived, coordination.move, reason
+    )
     if reason is not None:
         yield f"  {move}: {row_in_words(reason.values)}"
-        if not one.agrees:
+        if not coordination.agrees:
             yield "  (the log says another action; see 'sparse_coord verify')"
     else:
-        yield f"  {move}" + ("" if one.doubt is None else f"; {one.doubt}")
+        yield f"  {move}" + (
+            "" if coordination.doubt is None else f"; {coordination.doubt}"
+        )
 
 
-def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
-    update = one.update
+def _learned(log: RunLog, coordination: Coordination) -> Iterator[str]:
+    update = coordination.update
     if update is None and not log.run.greedy:
         yield "  does not learn from it: the reward was late, or the next action is unknown"
         return

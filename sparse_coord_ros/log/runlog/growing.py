@@ -10,10 +10,8 @@ import numpy as np
 
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.log.bags.reader import Bag, bag_files
-from sparse_coord_ros.log.runlog.bag_run import find_run
-from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.reading import Reader, arrange, sort
-from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
+from sparse_coord_ros.log.runlog.log import RecordedTables, RunLog
+from sparse_coord_ros.log.runlog.reading import Reader, arrange, find_run, sort
 
 STEPS_AROUND = 500
 """Number of time steps before and after a shown one that are at hand."""
@@ -85,14 +83,14 @@ class GrowingLog:
 
     def __init__(self, path: Path) -> None:
         self._bag = Bag(bag_files(Path(path)))
-        found = find_run(self._bag)
-        self.run = found.run
-        self._reader = Reader(self._bag, found)
+        bag_run = find_run(self._bag)
+        self.run = bag_run.run
+        self._reader = Reader(self._bag, bag_run)
         self.log = self._read_on()
 
     def _read_on(self) -> RunLog:
-        said = self._reader.read()
-        return arrange(self._bag, self.run, sort(said, self.run))
+        messages = self._reader.read()
+        return arrange(self._bag, self.run, sort(messages, self.run))
 
     def extend(self) -> bool:
         """Read on if the file has grown; return whether it has new messages."""

@@ -21,7 +21,6 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.difference import Finding
-from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
 from sparse_coord_ros.protocol.wire import ACTION, REWARD, Topic
 from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.protocol.wire.status import RunStatus
@@ -42,6 +41,24 @@ class Series(NamedTuple):
 
     step: np.ndarray
     rows: np.ndarray
+
+
+class RecordedTables(NamedTuple):
+    """One robot's tables in the log.
+
+    Attributes:
+        robot: its number from 0.
+        step: the robot had learned from everything before this time step.
+        tables: the tables.
+        counts: the numbers stored beside them.
+        arrays: all recorded arrays, by name; empty for computed tables.
+    """
+
+    robot: int
+    step: int
+    tables: Tables
+    counts: Mapping[str, int]
+    arrays: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -139,17 +156,17 @@ class RunLog:
             step: the time step; None: the newest of all.
         """
         known = [
-            one
-            for one in self.all_tables
-            if one.robot == robot and (step is None or one.step <= step)
+            tables
+            for tables in self.all_tables
+            if tables.robot == robot and (step is None or tables.step <= step)
         ]
-        return max(known, key=lambda one: one.step, default=None)
+        return max(known, key=lambda tables: tables.step, default=None)
 
     def table_steps(self) -> list[list[int]]:
         """Return for each robot the time steps of its tables, ascending."""
         steps: list[set[int]] = [set() for _ in self.names]
-        for one in self.all_tables:
-            steps[one.robot].add(one.step)
+        for tables in self.all_tables:
+            steps[tables.robot].add(tables.step)
         return list(map(sorted, steps))
 
     @cached_property
@@ -181,9 +198,9 @@ class RunLog:
         """
         rows = slice(*np.searchsorted(self.step, [first, last + 1]))
         arrays = {
-            one.name: getattr(self, one.name)[rows]
-            for one in fields(self)
-            if isinstance(getattr(self, one.name), np.ndarray)
+            field.name: getattr(self, field.name)[rows]
+            for field in fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray)
         }
         return replace(self, **arrays)
 
@@ -236,14 +253,14 @@ class RunLog:
         made[-1:] = False
         made &= ~np.isin(self.episode, self._episodes_beside_lost_steps())
         after = np.roll(self.cells, -1, axis=0)
-        found, episode = np.unique(self.episode[made], return_inverse=True)
-        first = np.searchsorted(self.episode, found)
+        episodes, episode = np.unique(self.episode[made], return_inverse=True)
+        first = np.searchsorted(self.episode, episodes)
 
         inter = interactions_of(scenario)
         conflicts = miscoordinations(inter, self.cells.T, after.T)
 
         def total(values: np.ndarray) -> np.ndarray:
-            sums = np.zeros((len(found), *values.shape[1:]), dtype=values.dtype)
+            sums = np.zeros((len(episodes), *values.shape[1:]), dtype=values.dtype)
             np.add.at(sums, episode, values[made])
             return sums
 
@@ -265,7 +282,7 @@ class RunLog:
             miscoordinations=total(conflicts.astype(np.int64)),
             asks=total(asked.astype(np.int64)),
             arrived=total((after == goals).astype(np.int64)) > 0,
-            present=np.ones((len(found), len(self.names)), dtype=bool),
+            present=np.ones((len(episodes), len(self.names)), dtype=bool),
         )
 
     def _episodes_beside_lost_steps(self) -> np.ndarray:

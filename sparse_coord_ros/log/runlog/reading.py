@@ -15,15 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.base.errors import TablesError
+from sparse_coord_ros.base.errors import BagError, TablesError
 from sparse_coord_ros.core.learners.agent import NOBODY
-from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import Bag, Part, bag_files
-from sparse_coord_ros.log.runlog.bag_run import BagRun, find_run
 from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
-from sparse_coord_ros.log.runlog.log import NONE, RunLog, Series
-from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables, opened
+from sparse_coord_ros.log.runlog.log import NONE, RecordedTables, RunLog, Series
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RunState, messages
 from sparse_coord_ros.protocol.wire.messages import (
@@ -63,12 +62,12 @@ class OpenedTables(NamedTuple):
     """A robot's tables in a message.
 
     Attributes:
-        said: as it published them.
-        content: what they contain; if they cannot be read, the reason.
+        published: the message.
+        opened: its tables; if they cannot be read, the reason.
     """
 
-    said: PublishedTables
-    content: RecordedTables | str
+    published: PublishedTables
+    opened: RecordedTables | str
 
 
 class Read(NamedTuple):
@@ -111,12 +110,51 @@ def read_run(path: Path) -> RunLog:
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     bag = Bag(bag_files(Path(path)))
-    found = find_run(bag)
-    said = Reader(bag, found).read()
-    return arrange(bag, found.run, sort(said, found.run))
+    bag_run = find_run(bag)
+    read = Reader(bag, bag_run).read()
+    return arrange(bag, bag_run.run, sort(read, bag_run.run))
 
 
 # 1. Read.
+
+
+class BagRun(NamedTuple):
+    """The run of a bag.
+
+    Attributes:
+        run: the run.
+        prefix: the beginning of the names of its topics.
+    """
+
+    run: RunConfig
+    prefix: str
+
+
+def find_run(bag: Bag) -> BagRun:
+    """Return the run of a bag: its first message on a topic `run`.
+
+    The bag's files are read up to there, whatever was read of the bag.
+
+    Raises:
+        BagError: the bag contains no run.
+        RunError, ScenarioError, SettingError: the run is not one of this version.
+    """
+    again = Bag([file.path for file in bag.files])
+    for part in again.read():
+        for topic in again.topics:
+            if not topic.endswith(f"/{wire.RUN.name}"):
+                continue
+            for index in again.chosen(part, [topic]).tolist():
+                try:
+                    text = str(Decoder(again.topics)(topic, part.data(index)).data)
+                except (ValueError, AttributeError):
+                    continue
+                run = run_from_yaml(text, where=str(bag.path))
+                return BagRun(run, topic.removesuffix(wire.RUN.name))
+    damage = "" if again.damage is None else f"; {again.damage}"
+    what = f"it has no {wire.RUN.type_name} on a topic '{wire.RUN.name}'{damage}"
+    remedy = "give the bag that 'sparse_coord run' or the recorder wrote"
+    raise BagError(f"{bag.path}: is no recorded run: {what}; {remedy}")
 
 
 class Reader:
@@ -127,11 +165,11 @@ class Reader:
         found: its run.
     """
 
-    def __init__(self, bag: Bag, found: BagRun) -> None:
+    def __init__(self, bag: Bag, bag_run: BagRun) -> None:
         self._bag = bag
-        self._forms = _forms(found)
-        self._period = Messages(found.run).period
-        self._names = found.run.scenario.names
+        self._forms = _forms(bag_run)
+        self._period = Messages(bag_run.run).period
+        self._names = bag_run.run.scenario.names
         self._parts: dict[Key, list[Rows]] = {
             key: [_no_rows(form)] for key, form in self._forms.values()
         }
@@ -156,43 +194,43 @@ class Reader:
         """Read the messages of a part."""
         topics = part.heads["topic"]
         order = np.argsort(topics, kind="stable")
-        found, first = np.unique(topics[order], return_index=True)
-        for topic, places in zip(
-            found.tolist(), np.split(order, first[1:]), strict=True
+        present, first = np.unique(topics[order], return_index=True)
+        for topic, indices in zip(
+            present.tolist(), np.split(order, first[1:]), strict=True
         ):
             name = self._bag.names[topic]
             if name in self._forms:
                 key, form = self._forms[name]
-                self._parts[key].append(self._rows(name, form, part, places))
+                self._parts[key].append(self._rows(name, form, part, indices))
 
-    def _rows(self, name: str, form: Reading, part: Part, places: np.ndarray) -> Rows:
+    def _rows(self, name: str, form: Reading, part: Part, indices: np.ndarray) -> Rows:
         """Return the rows of a topic's readable messages; note the others."""
-        heads = part.heads[places]
+        heads = part.heads[indices]
         if isinstance(form, MessageForm):
-            rows, fits = form.rows(part.content, part.begins[places], heads["size"])
+            rows, fits = form.rows(part.content, part.begins[indices], heads["size"])
             for log_ns in heads["log_ns"][~fits].tolist():
                 self._note(name, log_ns, "has another form than the run's")
             rows = rows[fits]
         else:
-            rows, fits = self._decoded(name, form, part, places)
+            rows, fits = self._decoded(name, form, part, indices)
         log_ns = heads["log_ns"][fits]
         return Rows(rows, log_ns, np.full(len(log_ns), part.file))
 
     def _decoded(
-        self, name: str, form: Callable[[Any], Any], part: Part, places: np.ndarray
+        self, name: str, form: Callable[[Any], Any], part: Part, indices: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the contents of readable messages, and whether each is readable."""
         if name not in self._decode:
             self._decode = Decoder(self._bag.topics)
-        found = []
-        fits = np.ones(len(places), dtype=bool)
-        for number, place in enumerate(places.tolist()):
+        contents = []
+        fits = np.ones(len(indices), dtype=bool)
+        for number, index in enumerate(indices.tolist()):
             try:
-                found.append(form(self._decode(name, part.data(place))))
+                contents.append(form(self._decode(name, part.data(index))))
             except (AttributeError, ValueError) as error:
                 fits[number] = False
-                self._note(name, int(part.heads["log_ns"][place]), str(error))
-        return _objects(found), fits
+                self._note(name, int(part.heads["log_ns"][index]), str(error))
+        return _objects(contents), fits
 
     def _note(self, name: str, log_ns: int, why: str) -> None:
         """Note an unreadable message of a topic that is compared."""
@@ -203,9 +241,9 @@ class Reader:
             self._unreadable.append(Difference(step, self._names[k], *words))
 
 
-def _forms(found: BagRun) -> dict[str, tuple[Key, Reading]]:
+def _forms(bag_run: BagRun) -> dict[str, tuple[Key, Reading]]:
     """Return the run's topics by their full names, each with its `Reading`."""
-    run = found.run
+    run = bag_run.run
     names = run.scenario.names
     of_robot: dict[wire.Topic, Reading] = {
         wire.LOCAL_STATE: messages.POSE_FORM,
@@ -217,11 +255,11 @@ def _forms(found: BagRun) -> dict[str, tuple[Key, Reading]]:
     forms: dict[str, tuple[Key, Reading]] = {}
     for topic, form in of_robot.items():
         for k, name in enumerate(names):
-            forms[found.prefix + topic.of(name)] = (topic, k), form
+            forms[bag_run.prefix + topic.of(name)] = (topic, k), form
     for k, name in enumerate(names):
         opening = partial(_opened_tables, run, k)
-        forms[found.prefix + wire.TABLES.of(name)] = (wire.TABLES, k), opening
-    forms[found.prefix + wire.STATUS.name] = (wire.STATUS, 0), read_status
+        forms[bag_run.prefix + wire.TABLES.of(name)] = (wire.TABLES, k), opening
+    forms[bag_run.prefix + wire.STATUS.name] = (wire.STATUS, 0), read_status
     return forms
 
 
@@ -230,11 +268,16 @@ def _opened_tables(run: RunConfig, k: int, message: Any) -> OpenedTables:
 
     They are opened here, so that those of a bag that grows are opened once.
     """
-    said = read_tables(message)
+    published = read_tables(message)
+    step = published.step
+    name = f"tables of {run.scenario.names[k]} of time step {step}"
     try:
-        return OpenedTables(said, opened(run, k, said))
+        [saved] = unpack_saved(published.packed, [k + 1], where=name)
+        tables = tables_of(run.scenario, run.known_rule, k, saved.memory)
     except TablesError as error:
-        return OpenedTables(said, str(error))
+        return OpenedTables(published, str(error))
+    recorded = RecordedTables(k, step, tables, saved.counts, saved.arrays)
+    return OpenedTables(published, recorded)
 
 
 def _no_rows(form: Reading) -> Rows:
@@ -244,18 +287,18 @@ def _no_rows(form: Reading) -> Rows:
     return Rows(_objects([]), none, none)
 
 
-def _objects(found: Sequence[Any]) -> np.ndarray:
+def _objects(objects: Sequence[Any]) -> np.ndarray:
     """Return an array of objects, shape (n,)."""
-    rows = np.empty(len(found), dtype=object)
-    for place, one in enumerate(found):
-        rows[place] = one
+    rows = np.empty(len(objects), dtype=object)
+    for index, item in enumerate(objects):
+        rows[index] = item
     return rows
 
 
 # 2. Sort.
 
 
-def sort(said: Read, run: RunConfig) -> Sorted:
+def sort(read: Read, run: RunConfig) -> Sorted:
     """Return the messages of a run in the order of time.
 
     Equal copies of a message count once. Of two different messages of a time step it is unknown
@@ -263,24 +306,25 @@ def sort(said: Read, run: RunConfig) -> Sorted:
     """
     names = run.scenario.names
     period = Messages(run).period
-    ends = np.array(said.ends)
-    problems: list[Finding] = list(said.unreadable)
+    ends = np.array(read.ends)
+    problems: list[Finding] = list(read.unreadable)
     series = {}
-    for (topic, k), rows in said.rows.items():
+    for (topic, k), rows in read.rows.items():
         if rows.content.dtype == object:
             continue
         steps = steps_of(rows.content, period)
         # An episode may end with the states of the very step at which a segment begins.
         last = steps == ends[rows.file] if topic is wire.LOCAL_STATE else False
         kept = (steps < ends[rows.file]) | last
-        one = _in_order(rows, steps, kept)
+        series[topic, k] = _in_order(rows, steps, kept)
         if topic in EACH_STEP:
-            one = _once_a_step(one, topic, names[k], period, problems)
-        series[topic, k] = one
-    statuses = _statuses(said.rows[wire.STATUS, 0], run, ends)
+            series[topic, k] = _once_a_step(
+                series[topic, k], topic, names[k], period, problems
+            )
+    statuses = _statuses(read.rows[wire.STATUS, 0], run, ends)
     tables = []
     for k in range(len(names)):
-        tables += _tables(said.rows[wire.TABLES, k], run, k, ends, problems)
+        tables += _tables(read.rows[wire.TABLES, k], run, k, ends, problems)
     tables.sort(key=lambda one: (one.step, one.robot))
     return Sorted(series, statuses, tables, problems)
 
@@ -292,10 +336,10 @@ def steps_of(rows: np.ndarray, period: int) -> np.ndarray:
 
 def _in_order(rows: Rows, steps: np.ndarray, kept: np.ndarray) -> Series:
     """Return the kept rows by time step, then by log time, without equal copies."""
-    places = np.flatnonzero(kept)
-    places = places[np.lexsort((rows.log_ns[places], steps[places]))]
-    steps = steps[places]
-    content = rows.content[places]
+    order = np.flatnonzero(kept)
+    order = order[np.lexsort((rows.log_ns[order], steps[order]))]
+    steps = steps[order]
+    content = rows.content[order]
     again = np.zeros(len(steps), dtype=bool)
     again[1:] = steps[1:] == steps[:-1]
     beside = np.flatnonzero(again | np.roll(again, -1))
@@ -307,20 +351,20 @@ def _in_order(rows: Rows, steps: np.ndarray, kept: np.ndarray) -> Series:
 
 
 def _once_a_step(
-    one: Series, topic: wire.Topic, robot: str, period: int, problems: list[Finding]
+    series: Series, topic: wire.Topic, robot: str, period: int, problems: list[Finding]
 ) -> Series:
     """Return the first message of each time step; note wrong times and contradictions."""
-    steps, rows = one
-    for place in np.flatnonzero(rows["ns"] != steps * period).tolist():
-        logged = f"{rows['ns'][place]} ns"
-        due = f"{steps[place] * period} ns"
+    steps, rows = series
+    for row in np.flatnonzero(rows["ns"] != steps * period).tolist():
+        logged = f"{rows['ns'][row]} ns"
+        due = f"{steps[row] * period} ns"
         words = f"{topic.name} stamp", logged, due
-        problems.append(Difference(int(steps[place]), robot, *words))
-    found, first, counts = np.unique(steps, return_index=True, return_counts=True)
-    for step in found[counts > 1].tolist():
+        problems.append(Difference(int(steps[row]), robot, *words))
+    different, first, counts = np.unique(steps, return_index=True, return_counts=True)
+    for step in different[counts > 1].tolist():
         why = f"the log has different messages {topic.name} of {robot} of time step {step}"
         problems.append(Undecided(step, why))
-    return Series(found, rows[first])
+    return Series(different, rows[first])
 
 
 def _statuses(rows: Rows, run: RunConfig, ends: np.ndarray) -> list[RunStatus]:
@@ -328,42 +372,43 @@ def _statuses(rows: Rows, run: RunConfig, ends: np.ndarray) -> list[RunStatus]:
 
     A world that has not gone back yet does not know the team's time step.
     """
-    found: list[RunStatus] = []
-    for place in np.argsort(rows.log_ns, kind="stable").tolist():
-        said = rows.content[place]
-        knows = said.run == run.id and said.state != RunState.RESUMING
-        if knows and said.step < ends[rows.file[place]] and said not in found[-1:]:
-            found.append(said)
-    return found
+    statuses: list[RunStatus] = []
+    for row in np.argsort(rows.log_ns, kind="stable").tolist():
+        status = rows.content[row]
+        knows = status.run == run.id and status.state != RunState.RESUMING
+        if knows and status.step < ends[rows.file[row]] and status not in statuses[-1:]:
+            statuses.append(status)
+    return statuses
 
 
 def _tables(
     rows: Rows, run: RunConfig, k: int, ends: np.ndarray, problems: list[Finding]
 ) -> list[RecordedTables]:
     """Return a robot's tables; note unreadable ones."""
-    found = []
+    tables = []
     known = set()
-    for (said, content), file in zip(rows.content, rows.file.tolist(), strict=True):
-        if said.step >= ends[file] or (said.step, said.packed) in known:
+    for (published, opened), file in zip(rows.content, rows.file.tolist(), strict=True):
+        step = published.step
+        if step >= ends[file] or (step, published.packed) in known:
             continue
-        known.add((said.step, said.packed))
-        if isinstance(content, str):
+        known.add((step, published.packed))
+        if isinstance(opened, str):
             name = run.scenario.names[k]
-            words = wire.TABLES.name, content, "readable tables"
-            problems.append(Difference(said.step, name, *words))
+            words = wire.TABLES.name, opened, "readable tables"
+            problems.append(Difference(step, name, *words))
         else:
-            found.append(content)
-    return found
+            tables.append(opened)
+    return tables
 
 
 # 3. Arrange.
 
 
-def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
+def arrange(bag: Bag, run: RunConfig, ordered: Sorted) -> RunLog:
     """Return the messages of a run as arrays over time step and robot."""
     frame = Messages(run)
     robots = range(len(run.scenario.names))
-    series = found.series
+    series = ordered.series
     of_steps = [series[topic, k].step for topic in EACH_STEP for k in robots]
     step = np.unique(np.concatenate(of_steps))
 
@@ -371,21 +416,21 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
         """Return a field of each robot's messages, NaN without one, shape (T, K, width)."""
         values = np.full((len(step), len(robots), width), np.nan)
         for k in robots:
-            one = series[topic, k]
-            values[np.searchsorted(step, one.step), k] = one.rows[field]
+            logged = series[topic, k]
+            values[np.searchsorted(step, logged.step), k] = logged.rows[field]
         return values
 
     position = filled(wire.LOCAL_STATE, "xy", 2)
     numbers = filled(wire.ACTION, "numbers", len(wire.ACTION.labels))
-    said = {
+    actions = {
         label: numbers[..., wire.ACTION.column(label)] for label in wire.ACTION.labels
     }
-    move = _moves(said)
-    problems = [*found.problems, *_malformed_actions(run, step, numbers, move)]
+    move = _moves(actions)
+    problems = [*ordered.problems, *_malformed_actions(run, step, numbers, move)]
     moved = move != NONE
     peer = np.full(move.shape, NOBODY, dtype=np.int16)
-    known = moved & (said["peer"] >= 0) & (said["peer"] <= len(robots))
-    peer[known] = said["peer"][known].astype(np.int16) - 1
+    known = moved & (actions["peer"] >= 0) & (actions["peer"] <= len(robots))
+    peer[known] = actions["peer"][known].astype(np.int16) - 1
     return RunLog(
         path=bag.path,
         files=tuple(file.path.name for file in bag.files),
@@ -395,8 +440,8 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
         names=run.scenario.names,
         damage=bag.ends_early(f"time step {step.max(initial=0)}"),
         series=series,
-        statuses=tuple(found.statuses),
-        all_tables=tuple(found.tables),
+        statuses=tuple(ordered.statuses),
+        all_tables=tuple(ordered.tables),
         problems=tuple(problems),
         step=step,
         episode=np.cumsum(np.diff(step, prepend=step[:1]) > 1),
@@ -406,35 +451,37 @@ def arrange(bag: Bag, run: RunConfig, found: Sorted) -> RunLog:
         numbers=numbers,
         move=move,
         peer=peer,
-        asked=moved & (said["coordinate"] != 0),
-        perceived=moved & (said["perceived"] != 0),
+        asked=moved & (actions["coordinate"] != 0),
+        perceived=moved & (actions["perceived"] != 0),
         percept=_perceived_cells(frame, step, peer, series),
     )
 
 
-def _moves(said: Mapping[str, np.ndarray]) -> np.ndarray:
+def _moves(actions: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the primitive actions; NONE for a malformed or missing action; shape (T, K)."""
-    east = said["east"]
-    pairs = zip(east.ravel().tolist(), said["north"].ravel().tolist(), strict=True)
-    found = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8)
-    found = found.reshape(east.shape)
-    found[~np.isfinite(said["peer"])] = NONE
-    return found
+    east = actions["east"]
+    pairs = zip(east.ravel().tolist(), actions["north"].ravel().tolist(), strict=True)
+    moves = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8)
+    moves = moves.reshape(east.shape)
+    moves[~np.isfinite(actions["peer"])] = NONE
+    return moves
 
 
 def _malformed_actions(
     run: RunConfig, step: np.ndarray, numbers: np.ndarray, move: np.ndarray
 ) -> list[Difference]:
     """Return the messages whose numbers are not a valid action."""
-    found = []
+    differences = []
     logged = ~np.isnan(numbers).all(axis=2)
     for row, k in np.argwhere(logged & (move == NONE)).tolist():
         try:
             action_from(numbers[row, k].tolist())
         except ValueError as error:
             words = wire.ACTION.name, f"a message that {error}", "an action"
-            found.append(Difference(int(step[row]), run.scenario.names[k], *words))
-    return found
+            differences.append(
+                Difference(int(step[row]), run.scenario.names[k], *words)
+            )
+    return differences
 
 
 def _perceived_cells(
@@ -442,7 +489,7 @@ def _perceived_cells(
 ) -> np.ndarray:
     """Return the cells that robots perceived, by the perceived robot, shape (T, K, K)."""
     robots = range(frame.robots)
-    found = np.full((*peer.shape, len(robots)), NONE, dtype=np.int32)
+    cells = np.full((*peer.shape, len(robots)), NONE, dtype=np.int32)
     for k in robots:
         others = [other for other in robots if other != k]
         if not others:
@@ -451,24 +498,24 @@ def _perceived_cells(
         rows = np.searchsorted(step, percepts.step)
         seen = cell_numbers(frame, percepts.rows["places"])[:, 1:]
         asked = peer[rows, k]
-        one = asked != NOBODY
-        found[rows[one], k, asked[one]] = seen[one, 0]
-        found[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
-    return found
+        asked_one = asked != NOBODY
+        cells[rows[asked_one], k, asked[asked_one]] = seen[asked_one, 0]
+        cells[np.ix_(rows[~asked_one], [k], others)] = seen[~asked_one][:, None, :]
+    return cells
 
 
-def cell_numbers(frame: Messages, places: np.ndarray) -> np.ndarray:
+def cell_numbers(frame: Messages, positions: np.ndarray) -> np.ndarray:
     """Return the cells of positions.
 
     Args:
         frame: the run's frame.
-        places: in metres, shape (..., 2).
+        positions: in metres, shape (..., 2).
 
     Returns:
         The cells, `NONE` for a position in no free cell, int32, shape (...).
     """
-    pairs = np.ascontiguousarray(places).view(np.complex128)[..., 0]
+    pairs = np.ascontiguousarray(positions).view(np.complex128)[..., 0]
     different, which = np.unique(pairs, return_inverse=True)
-    found = [frame.cell(pair.real, pair.imag) for pair in different.tolist()]
-    table = np.array([NONE if cell is None else cell for cell in found], dtype=np.int32)
+    cells = [frame.cell(pair.real, pair.imag) for pair in different.tolist()]
+    table = np.array([NONE if cell is None else cell for cell in cells], dtype=np.int32)
     return table[which.reshape(pairs.shape)]

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.game.rules import EPISODE_GAP
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.log.runlog.explain import Reason, reason_of
 from sparse_coord_ros.log.runlog.growing import GrowingLog
-from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
+from sparse_coord_ros.log.runlog.log import RecordedTables
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 
 AT_ONCE = 2000
@@ -19,10 +19,6 @@ AT_ONCE = 2000
 
 MOST_BYTES = 100_000_000
 """Approximate limit of the bytes of kept tables; the oldest ones are dropped first."""
-
-
-TablesThen = dict[int, tuple[int, Tables]]
-"""By robot: a time step, and its tables with the learning up to it."""
 
 
 class AskedQuestion(NamedTuple):
@@ -56,7 +52,10 @@ class _Part(NamedTuple):
         """Advance to a time step; return whether the agents chose all logged actions."""
         pairs = zip(self.steps, self.replays, strict=True)
         return all(
-            [one.advance(int(np.searchsorted(steps, step))) for steps, one in pairs]
+            [
+                replay.advance(int(np.searchsorted(steps, step)))
+                for steps, replay in pairs
+            ]
         )
 
 
@@ -76,11 +75,13 @@ class Relearned:
     def _recorded(self, step: int) -> list[RecordedTables]:
         """Return each robot's newest recorded tables up to a time step, if it has any."""
         robots = range(len(self._log.run.scenario.robots))
-        found = (self._log.tables_before(k, step) for k in robots)
-        return [one for one in found if one is not None]
+        newest = (self._log.tables_before(k, step) for k in robots)
+        return [tables for tables in newest if tables is not None]
 
-    def tables(self, step: int, still: Callable[[], bool] = lambda: True) -> TablesThen:
-        """Return, by robot, its tables and the time step up to which it had learned them.
+    def tables(
+        self, step: int, still: Callable[[], bool] = lambda: True
+    ) -> dict[int, tuple[int, Tables]]:
+        """Return, by robot, the time step up to which it had learned, and its tables then.
 
         The time step is `step`. If a part of the log is lost or incomplete, or the learner's code
         may not be imported, it is that of the newest recorded tables. A robot without any is left
@@ -96,21 +97,22 @@ class Relearned:
         """
         run = self._log.run
         recorded = self._recorded(step)
-        if run.greedy or all(one.step == step for one in recorded):
-            return {one.robot: (step, one.tables) for one in recorded}
+        if run.greedy or all(entry.step == step for entry in recorded):
+            return {entry.robot: (step, entry.tables) for entry in recorded}
         part = None if run.known_rule is None else self._reached(step, still)
         if part is None:
-            return {one.robot: (one.step, one.tables) for one in recorded}
-        return {one.agent.number: (step, one.agent.tables) for one in part.replays}
+            return {entry.robot: (entry.step, entry.tables) for entry in recorded}
+        agents = [replay.agent for replay in part.replays]
+        return {agent.number: (step, agent.tables) for agent in agents}
 
     def begin(self, step: int) -> int:
         """Return the first time step of the log that is learned again for the tables of `step`."""
         first = self._first(step)
         if first is None:
             return step
-        return (
-            self._at if self._part is not None and first <= self._at <= step else first
-        )
+        if self._part is not None and first <= self._at <= step:
+            return self._at
+        return first
 
     def _first(self, step: int) -> int | None:
         """Return the newest time step, up to a given one, with known tables of all robots."""
@@ -142,12 +144,12 @@ class Relearned:
         part = self._reached(step, still)
         if part is None:
             return None
-        replays = {one.agent.number: one for one in part.replays}
-        if any(one.robot not in replays for one in asked):
+        replays = {replay.agent.number: replay for replay in part.replays}
+        if any(question.robot not in replays for question in asked):
             return None
         return [
-            reason_of(replays[one.robot], step, one.cell, one.perceived)
-            for one in asked
+            reason_of(replays[question.robot], step, question.cell, question.perceived)
+            for question in asked
         ]
 
     def _reached(self, step: int, still: Callable[[], bool]) -> _Part | None:
@@ -184,24 +186,26 @@ class Relearned:
         log = self._log.read(max(0, first - 1), first + AT_ONCE + wait)
         if not log.whole:
             return None
-        done = [trajectory_of(log, one.robot, first) for one in saved]
-        for one in done:
+        steps = []
+        replays = []
+        for robot, _, tables, *_ in saved:
+            trajectory = trajectory_of(log, robot, first)
             # No later action shows whether the robot learned from the last one.
-            one.learned[-1:] |= one.told[-1:]
-        pairs = zip(done, saved, strict=True)
-        replays = [
-            Replay(log, trajectory, agent_with(log, one.robot, one.tables.memory))
-            for trajectory, one in pairs
-        ]
-        return _Part(first, [one.step for one in done], replays)
+            trajectory.learned[-1:] |= trajectory.told[-1:]
+            agent = agent_with(log, robot, tables.memory)
+            steps.append(trajectory.step)
+            replays.append(Replay(log, trajectory, agent))
+        return _Part(first, steps, replays)
 
     def _keep(self, part: _Part, step: int) -> list[RecordedTables]:
         """Keep and return the robots' tables at a time step that a part has reached."""
         team = [replay.agent for replay in part.replays]
-        saved = [RecordedTables(one.number, step, one.tables, {}, {}) for one in team]
+        saved = [
+            RecordedTables(agent.number, step, agent.tables, {}, {}) for agent in team
+        ]
         self._kept[step] = saved
         size = sum(
-            array.nbytes for one in saved for array in one.tables.memory.values()
+            array.nbytes for agent in team for array in agent.tables.memory.values()
         )
         while len(self._kept) > max(2, MOST_BYTES // (2 * size)):
             del self._kept[next(iter(self._kept))]

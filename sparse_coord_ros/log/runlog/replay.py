@@ -124,12 +124,12 @@ def _peers_to_ask(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
     """Return the peers that a robot asks if it chooses COORDINATE, shape (n, number of them)."""
     scenario = log.run.scenario
     key = key_of(log.run.seed, LEARNING, k, ROBOT)
-    found = [
+    asked = [
         asked_peers(scenario.peers, k, len(log.names), draw(key, at, PEER))
         for at in step.tolist()
     ]
     count = len(asked_peers(scenario.peers, k, len(log.names), 0.0))
-    return np.array(found, dtype=np.int64).reshape(len(step), count)
+    return np.array(asked, dtype=np.int64).reshape(len(step), count)
 
 
 def _seen_cells(log: RunLog, k: int, rows: np.ndarray, peers: np.ndarray) -> np.ndarray:

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sparse_coord_ros.core.game.plugins import leaving_out
-from sparse_coord_ros.log.runlog.agents import AgentCheck
+from sparse_coord_ros.log.runlog.agent_check import AgentCheck
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
-from sparse_coord_ros.log.runlog.game_check import WorldCheck
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.percepts import PerceptCheck
+from sparse_coord_ros.log.runlog.percept_check import PerceptCheck
 from sparse_coord_ros.log.runlog.reading import read_run
+from sparse_coord_ros.log.runlog.world_check import WorldCheck
 
 LEFT_OUT = "robots' steps that the world made without their action"
 RESETS = "episodes that began early (reset, or no robot left)"
@@ -81,15 +81,15 @@ def verify(
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     comparison = _Comparison(read_run(path))
-    found = next(comparison.findings(progress), None) or comparison.left_out
-    if isinstance(found, Difference):
-        found = comparison.doubted(found)
+    finding = next(comparison.findings(progress), None) or comparison.left_out
+    if isinstance(finding, Difference):
+        finding = comparison.doubted(finding)
     world = comparison.world
     agents = comparison.agents
     return Verification(
         log=comparison.log,
-        difference=found if isinstance(found, Difference) else None,
-        undecided=found if isinstance(found, Undecided) else None,
+        difference=finding if isinstance(finding, Difference) else None,
+        undecided=finding if isinstance(finding, Undecided) else None,
         notes=comparison.notes(),
         steps=world.transitions,
         choices=sum(agent.choices for agent in agents),
@@ -120,8 +120,8 @@ class _Comparison:
         robots = range(len(log.names))
         agents = [AgentCheck(log, k) for k in robots]
         self._places = [
-            {step: place for place, step in enumerate(one.trajectory.step.tolist())}
-            for one in agents
+            {step: index for index, step in enumerate(agent.trajectory.step.tolist())}
+            for agent in agents
         ]
         with leaving_out("percepts", self._leave_out):
             self._percepts = [
@@ -145,7 +145,7 @@ class _Comparison:
     def findings(self, progress: Callable[[int, int], None]) -> Iterator[Finding]:
         """Yield differences, and where the run is undecided; only the first one is valid."""
         log = self.log
-        problems = deque(sorted(log.problems, key=lambda one: one.step))
+        problems = deque(sorted(log.problems, key=lambda problem: problem.step))
         while problems and problems[0].step <= 0:
             yield problems.popleft()
         for agent in self.agents:
@@ -159,9 +159,9 @@ class _Comparison:
             yield from self.world.arrive(step)
             for agent in self.agents:
                 yield from agent.decide(step)
-            for places, percepts in zip(self._places, self._percepts, strict=False):
-                if step in places:
-                    yield from percepts.check(places[step])
+            for index_of, percepts in zip(self._places, self._percepts, strict=False):
+                if step in index_of:
+                    yield from percepts.check(index_of[step])
             for agent in self.agents:
                 yield from agent.act(step)
             yield from self.world.advance(step)
@@ -170,21 +170,23 @@ class _Comparison:
         for agent in self.agents:
             yield from agent.end()
 
-    def doubted(self, found: Difference) -> Finding:
+    def doubted(self, difference: Difference) -> Finding:
         """Return a difference, or that the run is undecided if lost messages may explain it."""
         unsure = [self.world.unsure]
-        unsure += [one.unsure for one in self.agents if one.name == found.robot]
+        unsure += [
+            agent.unsure for agent in self.agents if agent.name == difference.robot
+        ]
         steps = [step for step in unsure if step is not None]
         if not steps:
-            return found
-        why = f"the log lacks messages, or a robot was left out; then {found}"
+            return difference
+        why = f"the log lacks messages, or a robot was left out; then {difference}"
         return Undecided(min(steps), why)
 
     def notes(self) -> dict[str, int]:
         """Return the notes of `Verification`."""
-        found = {
+        counts = {
             LEFT_OUT: self.world.left_out,
             RESETS: self.world.resets,
             UNLEARNED: sum(agent.unlearned for agent in self.agents),
         }
-        return {name: count for name, count in found.items() if count}
+        return {name: count for name, count in counts.items() if count}

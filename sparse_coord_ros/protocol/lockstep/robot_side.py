@@ -326,7 +326,7 @@ class RobotSide:
         """The world repeats a state because the action is missing: repeat it, or choose it."""
         if self._choice is not None and self._handled == step:
             self._port.act(step, self._choice.action, self._self_report)
-        elif self._asked is None and self._handled == step and cell != self.agent.goal:
+        elif self._asked is None and self._handled == step and not self._done(cell):
             self._choose_when_due()
 
     def _note(self, robot: int, step: int, cell: int) -> None:
@@ -345,12 +345,11 @@ class RobotSide:
 
     def _rests(self, step: int, cell: int) -> bool:
         """Return whether no action is due: arrived, end of the episode, or end of the run."""
-        ended = self.transitions >= self._budget
-        return (
-            ended
-            or cell == self.agent.goal
-            or step - self._episode_start >= self._max_steps
-        )
+        return self._done(cell) or step - self._episode_start >= self._max_steps
+
+    def _done(self, cell: int) -> bool:
+        """Return whether it has arrived in a cell, or the run's budget is used."""
+        return cell == self.agent.goal or self.transitions >= self._budget
 
     def _choose_when_due(self) -> None:
         """Choose an action; before it, all cells from which it will learn must be known."""

@@ -61,7 +61,7 @@ def check_security() -> None:
         raise RunError(
             f"{SECURITY} asks for DDS-Security, but this Fast DDS ({library}, from PyPI) is built "
             "without it and nothing would be secured; use ROS 2's apt packages "
-            "(docs/interface.md#reliability), or unset it"
+            "(docs/interface.md#security), or unset it"
         )
 
 

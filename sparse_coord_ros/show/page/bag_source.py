@@ -18,11 +18,10 @@ from sparse_coord_ros.core.runs.history import blank_history, concatenated
 from sparse_coord_ros.log.bags.layout import being_recorded
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.growing import GrowingLog
-from sparse_coord_ros.log.runlog.log import NONE, RunLog
-from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
+from sparse_coord_ros.log.runlog.log import NONE, RecordedTables, RunLog
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion, Relearned
 from sparse_coord_ros.show.narrator import Narrator
-from sparse_coord_ros.show.page import controls, messages
+from sparse_coord_ros.show.page import controls, page_messages
 from sparse_coord_ros.show.page.counts import Counts
 from sparse_coord_ros.show.page.key_steps import (
     Highlight,
@@ -79,7 +78,7 @@ class BagSource(controls.Played):
     """Plays a bag to a board.
 
     Args:
-        path: the bag, as of `read_run`.
+        path: a bag's directory or file, or a run's directory.
         board: where the messages go.
         rate: time steps a second; 0: as far as the log goes.
         step: the time step to begin at; None: what was learned is shown.
@@ -94,7 +93,7 @@ class BagSource(controls.Played):
         rate: as given, or wanted since.
 
     Raises:
-        SparseCoordError: as of `GrowingLog`.
+        BagError, RunError, ScenarioError, SettingError: the bag contains no run to show.
     """
 
     def __init__(
@@ -111,8 +110,9 @@ class BagSource(controls.Played):
         self.board = board
         self.growing = self._grows()
         if self.log.empty:
-            what = "its recording has just started; try again soon"
-            what = what if self.growing else "see 'sparse_coord info'"
+            what = "see 'sparse_coord info'"
+            if self.growing:
+                what = "its recording has just started; try again soon"
             raise BagError(f"{path}: holds no message to show: {what}")
         log = self.log.log
         acted = np.flatnonzero((log.cells != NONE).any(axis=1))
@@ -135,10 +135,10 @@ class BagSource(controls.Played):
         self._reasons: dict[tuple[int, int], explain.Reason | None] = {}
         self._reasons_known = 0
         self._stop = threading.Event()
-        fields = messages.run_fields(self.run)
-        place = self.log.path
-        in_a_folder = place.is_file() and place.parent.name != ""
-        title = str(place.parent if in_a_folder else place)
+        fields = page_messages.run_fields(self.run)
+        path_of_bag = self.log.path
+        in_a_folder = path_of_bag.is_file() and path_of_bag.parent.name != ""
+        title = str(path_of_bag.parent if in_a_folder else path_of_bag)
         board.put("run", source="bag", title=title, controls=BAG_CONTROLS, **fields)
         board.source = self
         self._notice()
@@ -156,24 +156,27 @@ class BagSource(controls.Played):
             log = self.log.read(max(0, last - most), last)
             # the first one may be cut
             whole = log.history().first_step[int(last > most) :]
-            found = self.newest()
-            if len(whole) and found:
-                team = LearnedTeam(self.run, [one.tables for one in found])
+            newest = self.newest()
+            if len(whole) and newest:
+                team = LearnedTeam(self.run, [entry.tables for entry in newest])
                 log = log.between(int(whole[0]), last)
                 self.highlight = highlight(log, team, self._key_steps, self._narrator)
         except SparseCoordError:  # that it is damaged is said where all of it is read
             return
         if self.highlight is not None:
-            newest = {one.robot: (one.step, one.tables) for one in found}
-            messages.put_tables(self.board, self.run, newest)
+            tables = {entry.robot: (entry.step, entry.tables) for entry in newest}
+            page_messages.put_tables(self.board, self.run, tables)
             self._tell_learned()
 
     def newest(self) -> list[RecordedTables]:
         """Return every robot's newest tables; an empty list if a robot has none."""
-        found = [
-            self.log.tables_before(k) for k in range(len(self.run.scenario.robots))
-        ]
-        return [] if None in found else [one for one in found if one is not None]
+        newest = []
+        for k in range(len(self.run.scenario.robots)):
+            entry = self.log.tables_before(k)
+            if entry is None:
+                return []
+            newest.append(entry)
+        return newest
 
     def _tell_learned(self, *, read: bool = False) -> None:
         """Say what was learned; and since when, if the whole log has been `read`."""
@@ -184,12 +187,12 @@ class BagSource(controls.Played):
         question = shown.text
         if evaluation is not None and not shown.matters:
             question = ""
-        lines = [messages.headline(question, evaluation)]
+        lines = [page_messages.headline(question, evaluation)]
         if read and lines == [shown.text] and shown.matters:
             first, since = self._key_steps.since(shown.robot, shown.cell)
             name = self._narrator.names[shown.robot]
             lines.append(since_in_words(name, first, since))
-        messages.put_learned(self.board, lines, first=shown.first, step=shown.step)
+        page_messages.put_learned(self.board, lines, first=shown.first, step=shown.step)
 
     def _show_again(self) -> None:
         """Play the episode that shows what was learned, in a loop."""
@@ -207,7 +210,9 @@ class BagSource(controls.Played):
     @property
     def _pace(self) -> float:
         """Time steps a second now."""
-        return min(self.rate or np.inf, self._shown_rate) if self._again else self.rate
+        if not self._again:
+            return self.rate
+        return min(self.rate or np.inf, self._shown_rate)
 
     def _new(self, what: str, key: object) -> bool:
         """Whether a message differs from the last one of its kind."""
@@ -239,7 +244,7 @@ class BagSource(controls.Played):
     def reading(self) -> Iterator[None]:
         """Read the log and learn along in threads of their own; close the bag at the end."""
         tasks = (self.read_through, self._learn_along)
-        beside = [threading.Thread(target=one, daemon=True) for one in tasks]
+        beside = [threading.Thread(target=task, daemon=True) for task in tasks]
         for thread in beside:
             thread.start()
         try:
@@ -316,9 +321,9 @@ class BagSource(controls.Played):
         """Go to the first crossing, or to the next step of another kind; or say there is none."""
         steps = self._key_steps.steps[kind]
         step = 0 if kind == controls.CROSSING else int(self.position) + 1
-        place = int(np.searchsorted(steps, step))
-        if place < len(steps):
-            self._go(int(steps[place]))
+        index = int(np.searchsorted(steps, step))
+        if index < len(steps):
+            self._go(int(steps[index]))
             self.paused = True
             return
         what = f"No {KIND_NAMES[kind]}"
@@ -338,8 +343,9 @@ class BagSource(controls.Played):
         """Return the time step that is `count` steps later in the log; earlier if negative."""
         log = self._around()
         row = self._row(log) + count
-        inside = 0 <= row < len(log.step)
-        return int(log.step[row]) if inside else int(self.position) + count
+        if 0 <= row < len(log.step):
+            return int(log.step[row])
+        return int(self.position) + count
 
     def _row(self, log: RunLog) -> int:
         """Return the row of the position in a part of the log; -1: before it."""
@@ -388,7 +394,7 @@ class BagSource(controls.Played):
         around |= {"first": self.first, "last": self.log.last_step}
         around |= {"episodes": so_far.episodes, "counted_to": so_far.read_to}
         if self._new("frame", (step, self.state, around)):
-            fields = messages.frame_fields(
+            fields = page_messages.frame_fields(
                 logged_step(log, row), logged_trails(log, row), self._narrator
             )
             self.board.put("frame", state=self.state, **around, **fields)
@@ -402,7 +408,7 @@ class BagSource(controls.Played):
         Their details have what decided, once the tables were learned again.
         """
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[
-            -messages.MOST_ENTRIES :
+            -page_messages.MOST_ENTRIES :
         ]
         since = None
         if log.step[0] > self.first:
@@ -412,19 +418,20 @@ class BagSource(controls.Played):
         if not self._new("dialogue", (last, counted, since, self._reasons_known)):
             return
         known = {k for k, at in enumerate(self.log.table_steps()) if at}
-        told: list[Message] = []
+        entries: list[Message] = []
         questions: list[tuple[int, AskedQuestion]] = []
-        for place in asking.tolist():
-            seen = logged_step(log, place)
+        for question_row in asking.tolist():
+            seen = logged_step(log, question_row)
             reasons = {
                 k: reason
                 for (step, k), reason in self._reasons.items()
                 if step == seen.step and reason is not None
             }
             rows = {
-                k: f": {explain.row_in_words(one.values)}" for k, one in reasons.items()
+                k: f": {explain.row_in_words(reason.values)}"
+                for k, reason in reasons.items()
             }
-            told += messages.in_words(
+            entries += page_messages.in_words(
                 self.run,
                 seen,
                 known,
@@ -433,10 +440,17 @@ class BagSource(controls.Played):
                 reasons,
                 self._counts.made_before(seen.step),
             )
-            found = (messages.asked_of(seen, one) for one in questions_of(seen))
-            questions += [(seen.step, one) for one in found if one is not None]
-        self._questions = questions[-messages.MOST_ENTRIES :]
-        self.board.put("dialogue", entries=told[-messages.MOST_ENTRIES :], since=since)
+            asked = (
+                page_messages.asked_of(seen, question)
+                for question in questions_of(seen)
+            )
+            questions += [
+                (seen.step, question) for question in asked if question is not None
+            ]
+        self._questions = questions[-page_messages.MOST_ENTRIES :]
+        self.board.put(
+            "dialogue", entries=entries[-page_messages.MOST_ENTRIES :], since=since
+        )
 
     def _notice(self) -> None:
         """Say what state the file is in."""
@@ -477,12 +491,12 @@ class BagSource(controls.Played):
                 return
             if not following:  # on the way to the time step
                 self._find_reasons(self._relearned.begin(step), step, still)
-            found = self._relearned.tables(step, still)
+            tables = self._relearned.tables(step, still)
         except SparseCoordError as error:
             self.board.put("notice", text=f"damaged: {error}")
             return
         if still() or following:
-            messages.put_tables(self.board, self.run, found)
+            page_messages.put_tables(self.board, self.run, tables)
 
     def _find_reasons(self, first: int, last: int, still: Callable[[], bool]) -> None:
         """Find what decided after the questions that are shown.
@@ -493,17 +507,21 @@ class BagSource(controls.Played):
             still: whether they are still wanted.
         """
         shown = self._questions
-        keys = {(step, one.robot) for step, one in shown}
-        reasons = {key: one for key, one in self._reasons.items() if key in keys}
+        keys = {(step, question.robot) for step, question in shown}
+        reasons = {key: reason for key, reason in self._reasons.items() if key in keys}
         for step, group in groupby(shown, key=lambda question: question[0]):
-            asked = [one for _, one in group if (step, one.robot) not in reasons]
+            asked = [
+                question
+                for _, question in group
+                if (step, question.robot) not in reasons
+            ]
             if not asked or not first <= step <= last:
                 continue
-            found = self._relearned.reasons(step, asked, still)
+            new = self._relearned.reasons(step, asked, still)
             if not still():
                 break
-            for place, one in enumerate(asked):
-                reasons[step, one.robot] = None if found is None else found[place]
+            for index, question in enumerate(asked):
+                reasons[step, question.robot] = None if new is None else new[index]
         if reasons != self._reasons:
             self._reasons = reasons
             self._reasons_known += 1
@@ -548,9 +566,9 @@ class BagSource(controls.Played):
 
     def _show_curves(self, read: float) -> None:
         """Show the learning curves of the share of the log that was `read`."""
-        self.board.put("curves", read=read, **messages.curve_fields(self.history))
+        self.board.put("curves", read=read, **page_messages.curve_fields(self.history))
         if self.growing:
-            messages.put_so_far(self.board, self.run, self.history)
+            page_messages.put_so_far(self.board, self.run, self.history)
 
     def _mark(self) -> None:
         """Show on the time line where what matters is."""
@@ -568,15 +586,17 @@ class BagSource(controls.Played):
 
     def _evaluate(self) -> None:
         """Show the value of the newest tables, where all robots have learned some."""
-        found = self.newest()
-        if any(one.step for one in found):
-            step = min(one.step for one in found)
-            tables = [one.tables for one in found]
+        newest = self.newest()
+        if any(entry.step for entry in newest):
+            step = min(entry.step for entry in newest)
+            tables = [entry.tables for entry in newest]
             with leaving_out(
-                "their value", lambda said: self.board.put("notice", text=said)
+                "their value", lambda problem: self.board.put("notice", text=problem)
             ):
-                measures = messages.measured(self.run, tables)
-                value = messages.evaluation_fields(self.run, tables, measures, step)
+                measures = page_messages.measured(self.run, tables)
+                value = page_messages.evaluation_fields(
+                    self.run, tables, measures, step
+                )
                 self.board.put("evaluation", **value)
 
 

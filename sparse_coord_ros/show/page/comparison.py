@@ -68,7 +68,7 @@ class Aligned(NamedTuple):
 
 
 def aligned(starts: np.ndarray, lengths: np.ndarray) -> Aligned:
-    """Return the axis of segments that begin and end at these time steps, as of `Aligned`."""
+    """Return the axis of segments that begin and end at these time steps."""
     widths = lengths.max(axis=0) + 1
     ends = np.cumsum(widths)
     return Aligned(starts, lengths, ends - widths, int(ends[-1]) - 1)
@@ -149,16 +149,17 @@ class Comparison(controls.Played):
         """Return the axis, made of what is known of the logs."""
         if self.axis == controls.LEARNED_EPISODE:
             shown = [source.highlight for source in self.sources]
-            found = [(one.first, one.last) for one in shown if one is not None]
-            ends = np.array(found)
+            ends = np.array(
+                [(shot.first, shot.last) for shot in shown if shot is not None]
+            )
             # up to the state in which the last step ends
             return aligned(ends[:, :1], ends[:, 1:] + 1 - ends[:, :1])
         if self.axis == controls.EPISODE:
-            history = [source.history for source in self.sources]
-            count = min(one.episodes for one in history)
+            histories = [source.history for source in self.sources]
+            count = min(history.episodes for history in histories)
             if count:
-                starts = np.array([one.first_step[:count] for one in history])
-                lengths = np.array([one.length[:count] for one in history])
+                starts = np.array([history.first_step[:count] for history in histories])
+                lengths = np.array([history.length[:count] for history in histories])
                 return aligned(starts, lengths)
         first = min(source.first for source in self.sources)
         last = np.array([[source.log.last_step - first] for source in self.sources])
@@ -261,14 +262,13 @@ def titles_of(runs: Sequence[RunConfig]) -> list[str]:
 
     It is its learner's; where two learners are the same, with the scenario and its settings.
     """
-    names = [
-        "the paper's learner" if run.rule.name == "coop" else str(run.rule.name)
-        for run in runs
-    ]
+    names = [run.learner for run in runs]
     titles: list[str] = []
     for run, name in zip(runs, names, strict=True):
-        others = [one for one, same in zip(runs, names, strict=True) if same == name]
-        labels = {one.scenario.label for one in others}
+        others = [
+            other for other, same in zip(runs, names, strict=True) if same == name
+        ]
+        labels = {other.scenario.label for other in others}
         if len(labels) > 1:
             name = f"{name}, {run.scenario.label}"
         if len(others) > len(labels):

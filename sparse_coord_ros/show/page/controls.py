@@ -175,9 +175,9 @@ def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
     }[name]
     if not fits:
         raise _bad(name, value, words)
-    return Control(
-        name, float(value) if name == RATE else None if name in bare else value
-    )
+    if name == RATE:
+        return Control(name, float(value))
+    return Control(name, None if name in bare else value)
 
 
 def _bad(name: str, value: Any, allowed: str) -> SettingError:

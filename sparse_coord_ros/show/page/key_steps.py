@@ -103,10 +103,10 @@ class KeySteps:
         next_cell = self._run.scenario.map.next_cell
         stops = stops_in(inter, next_cell, log.cells.T, log.move.T, after.T)
         for kind, pairs in ((EXCHANGE, exchanges), (STOPPED, stops)):
-            found = np.zeros(len(log.step), dtype=bool)
+            happening = np.zeros(len(log.step), dtype=bool)
             for _, _, happened in pairs:
-                found |= happened
-            self._add(kind, log.step[found & followed])
+                happening |= happened
+            self._add(kind, log.step[happening & followed])
         self._add(QUESTION, log.step[asked])
         self._add(MISCOORDINATION, log.step[met_next])
         if not len(self.steps[CROSSING]):
@@ -129,7 +129,7 @@ class KeySteps:
 
     def _add_policy_changes(self, log: RunLog) -> None:
         """Take in since when each robot would ask elsewhere than before."""
-        for k, known in enumerate(self.changes):
+        for k, changes in enumerate(self.changes):
             steps, rows = log.series[COORDINATION_MAP, k]
             here = np.isin(steps, log.step)
             steps = steps[here]
@@ -138,9 +138,9 @@ class KeySteps:
                 steps.tolist(), episodes.tolist(), rows["data"][here], strict=True
             ):
                 asks = np.frombuffer(data, dtype=np.int8)[self._places] == OCCUPIED
-                if not known or (known[-1].asks != asks).any():
-                    known.append(Change(step, learning_steps(step, episode), asks))
-        changed = {one.step for known in self.changes for one in known[1:]}
+                if not changes or (changes[-1].asks != asks).any():
+                    changes.append(Change(step, learning_steps(step, episode), asks))
+        changed = {change.step for changes in self.changes for change in changes[1:]}
         self.steps[POLICY] = np.array(sorted(changed), dtype=np.int64)
 
     def meetings(self, cells: np.ndarray, *, apart: bool = False) -> np.ndarray:
@@ -150,7 +150,7 @@ class KeySteps:
             cells: of each robot.
             apart: whether they must be in different cells.
         """
-        found = np.zeros(len(cells), dtype=np.bool_)
+        meeting = np.zeros(len(cells), dtype=np.bool_)
         for near in self._near:
             here = np.isin(cells, near)
             met = here.sum(axis=1) >= 2
@@ -158,22 +158,22 @@ class KeySteps:
                 lowest = np.where(here, cells, cells.max()).min(axis=1)
                 highest = np.where(here, cells, cells.min()).max(axis=1)
                 met &= lowest < highest
-            found |= met
-        return found
+            meeting |= met
+        return meeting
 
     def since(self, robot: int, cell: int) -> tuple[int, int | None]:
         """Return the first learning step, and since when a robot would ask in a cell to the end.
 
         The second value is None if it would not.
         """
-        known = self.changes[robot]
+        changes = self.changes[robot]
         since = None
-        for one in known:
-            if not one.asks[cell]:
+        for change in changes:
+            if not change.asks[cell]:
                 since = None
             elif since is None:
-                since = one.made
-        first = known[0].made if known else 0
+                since = change.made
+        first = changes[0].made if changes else 0
         return first, since
 
 
@@ -183,14 +183,14 @@ def near_doorways(grid: GridMap) -> list[np.ndarray]:
     Doorway cells beside each other are one doorway.
     """
     inside = np.isin(np.arange(len(grid.cells)), sorted(grid.doorways))
-    own = np.arange(len(grid.cells))[:, None]
+    cell = np.arange(len(grid.cells))[:, None]
     lead = grid.next_cell
-    region = regions(np.where(inside[lead] & inside[:, None], lead, own))
-    found = []
+    region = regions(np.where(inside[lead] & inside[:, None], lead, cell))
+    near = []
     for number in np.unique(region[inside]):
         cells = np.flatnonzero(inside & (region == number))
-        found.append(np.union1d(cells, lead[cells]))
-    return found
+        near.append(np.union1d(cells, lead[cells]))
+    return near
 
 
 class Highlight(NamedTuple):
@@ -242,8 +242,8 @@ def highlight(
     end = int(ends[number])
     first = int(log.step[begin])
     last = int(log.step[end - 1])
-    place, k = divmod(int(ranks[begin:end].argmax()), len(log.names))
-    row = begin + place
+    offset, k = divmod(int(ranks[begin:end].argmax()), len(log.names))
+    row = begin + offset
     if not ranks[row, k]:
         what = "no robot asks another one"
         if log.asked.any():
@@ -303,7 +303,7 @@ def _best_episode(
     """Return the latest of the episodes that show most.
 
     Args:
-        ranks: as of `_ranks`.
+        ranks: the rank of each question, shape (T, K).
         begins: first row of each episode.
         ends: the row after its last one.
         good: whether all arrive in it without a miscoordination.
@@ -351,7 +351,7 @@ def _told(step: TeamTransition, k: int, narrator: Narrator, *, learned: bool) ->
         learned: whether its tables say that it would come there and do the same again; if not,
             or if it asks several robots, only what happened is told.
     """
-    [question] = [one for one in questions_of(step) if one.asker == k]
+    [question] = [question for question in questions_of(step) if question.asker == k]
     if not learned or len(question.peers) != 1:
         return f"Here {narrator.question(step, question)}"
     [peer] = question.peers
@@ -383,8 +383,8 @@ class LearnedTeam:
     def __init__(self, run: RunConfig, tables: Sequence[Tables]) -> None:
         self.policies = []
         self.reached = []
-        for robot, own in zip(run.scenario.robots, tables, strict=True):
-            policy = policy_of(own, robot.goal)
+        for robot, robot_tables in zip(run.scenario.robots, tables, strict=True):
+            policy = policy_of(robot_tables, robot.goal)
             self.policies.append(policy)
             self.reached.append(entered(policy, run.scenario.map, robot.start))
         self._agents: list[Agent] = []
@@ -431,8 +431,12 @@ class LearnedTeam:
             return False
         peers = [action.peer]
         if action.peer == NOBODY:
-            peers = [one for one in range(len(step.cells)) if one != k]
-        perceived = tuple(at for one in peers if (at := step.cells[one]) is not None)
+            peers = [peer for peer in range(len(step.cells)) if peer != k]
+        perceived = tuple(
+            cell_of_peer
+            for peer in peers
+            if (cell_of_peer := step.cells[peer]) is not None
+        )
         if len(perceived) < len(peers):
             return False
         went = int(self._next_cell[cell, action.move])

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.show.narrator import Narrator
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import row_asking
 from sparse_coord_ros.show.steps import TRAIL, Question, questions_of, trails_of
@@ -44,7 +44,7 @@ class LiveView:
         state: what the team is doing, in a word.
         asked: how often each robot asked in each cell, [robot][cell].
         last: the newest transition.
-        newest: the newest tables, as of `messages.table_fields`.
+        newest: by robot the newest tables, and the time step before which they were learned.
         known: the robots, from 0, whose tables are known.
     """
 
@@ -64,12 +64,12 @@ class LiveView:
         cells = len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self.last: TeamTransition | None = None
-        self.newest: messages.TablesThen = {}
+        self.newest: page_messages.TablesThen = {}
         self._passed: deque[tuple[int | None, ...]] = deque(maxlen=TRAIL)
         self._narrator = Narrator(run.scenario)
         self.known: Container[int] = range(robots)
         self._shown: tuple[TeamTransition | None, str, float | None] | None = None
-        self._told: deque[Message] = deque(maxlen=messages.MOST_ENTRIES)
+        self._told: deque[Message] = deque(maxlen=page_messages.MOST_ENTRIES)
         self._slow = -np.inf
         self._began = 0.0
         self._counted: tuple[float, int] | None = None
@@ -77,13 +77,13 @@ class LiveView:
         self._lacking = ""
         board.clear()
         shown = {"source": source, "title": title, "controls": controls}
-        board.put("run", **shown, **messages.run_fields(run))
+        board.put("run", **shown, **page_messages.run_fields(run))
         self.notice("")
 
     def notice(self, text: str) -> None:
         """Show a line; an empty one takes it away. What the curves lack stays beside it."""
-        said = "; ".join(one for one in (text, self._lacking) if one)
-        self.board.put("notice", text=said)
+        line = "; ".join(part for part in (text, self._lacking) if part)
+        self.board.put("notice", text=line)
 
     def lack(self, text: str) -> None:
         """Say, for as long as the run is shown, what the curves lack."""
@@ -141,34 +141,36 @@ class LiveView:
         trails = trails_of(
             self._passed or [seen.cells], self.run.scenario.map.next_cell
         )
-        said: Message = {"made": transitions, "episode": episode, "rate": rate}
-        said |= {"state": self.state, "speed": self._speed if speed is None else speed}
-        said |= messages.frame_fields(seen, trails, self._narrator)
-        self.board.put("frame", **said)
+        frame: Message = {"made": transitions, "episode": episode, "rate": rate}
+        frame |= {"state": self.state, "speed": self._speed if speed is None else speed}
+        frame |= page_messages.frame_fields(seen, trails, self._narrator)
+        self.board.put("frame", **frame)
         if new:
             self._tell(seen, transitions - 1)
 
     def _tell(self, seen: TeamTransition, made: int) -> None:
         """Show the questions of a transition in words, made after so many."""
-        rows = {one.asker: self._row(seen, one) for one in questions_of(seen)}
-        said = messages.in_words(
+        rows = {
+            question.asker: self._row(seen, question) for question in questions_of(seen)
+        }
+        entries = page_messages.in_words(
             self.run, seen, self.known, self._narrator, rows, {}, made
         )
-        asks = list(said)
+        asks = list(entries)
         if asks:
             self._told.extend(asks)
             self.board.put("dialogue", entries=list(self._told))
 
     def _row(self, seen: TeamTransition, question: Question) -> str:
         """Return what the row of the newest tables holds that decides after a question."""
-        asked = messages.asked_of(seen, question)
+        asked = page_messages.asked_of(seen, question)
         if asked is None or asked.robot not in self.newest:
             return ""
         _, tables = self.newest[asked.robot]
         row = row_asking(tables, asked.cell, asked.perceived)
-        return (
-            "" if row is None else f", in the newest tables {explain.row_in_words(row)}"
-        )
+        if row is None:
+            return ""
+        return f", in the newest tables {explain.row_in_words(row)}"
 
     def slow_due(self) -> bool:
         """Return whether it is time for `show_learned`: once a second where a page is there."""
@@ -178,7 +180,7 @@ class LiveView:
     def show_learned(
         self,
         history: History,
-        tables: messages.TablesThen,
+        tables: page_messages.TablesThen,
         *,
         asked: np.ndarray | None = None,
         where: str = ASKED_SO_FAR,
@@ -187,14 +189,14 @@ class LiveView:
 
         Args:
             history: the episodes so far.
-            tables: as of `messages.table_fields`.
-            asked: counts as of `asked`, where another object has counted, shape (K, cells).
+            tables: by robot, with the time step before which they were learned.
+            asked: questions by robot and cell, if another object counts, shape (K, cells).
             where: in which episodes they were counted, in words.
         """
         self.newest = tables
-        self.board.put("curves", read=1.0, **messages.curve_fields(history))
-        messages.put_tables(self.board, self.run, tables)
-        messages.put_so_far(self.board, self.run, history)
+        self.board.put("curves", read=1.0, **page_messages.curve_fields(history))
+        page_messages.put_tables(self.board, self.run, tables)
+        page_messages.put_so_far(self.board, self.run, history)
         counted = np.array(self.asked) if asked is None else asked
         self.board.put("asked", robots=counted.tolist(), where=where)
         # on a busy machine less than has passed

@@ -22,8 +22,8 @@ class MessageBoard:
     Attributes:
         pages: number of open pages; costly messages are not made while it is 0.
         source: carries out what the pages ask for; None: no controls.
-        look: returns the message for a cell and a peer's cell that a page points at, as of
-            `messages.pointed_fields`; None: nothing is known so far.
+        look: returns the message for a cell and a peer's cell that a page points at; None:
+            nothing is known so far.
     """
 
     def __init__(self) -> None:
@@ -53,13 +53,13 @@ class MessageBoard:
 
     def get(self, kind: str) -> Message | None:
         """Return the newest message of a type."""
-        found = self._messages.get(kind)
-        return None if found is None else found[1]
+        entry = self._messages.get(kind)
+        return None if entry is None else entry[1]
 
     def newer(self, seen: int) -> list[tuple[int, str]]:
         """Return version and text of the messages that are newer than a version, oldest first."""
         with self._lock:
-            due = sorted(one for one in self._messages.values() if one[0] > seen)
+            due = sorted(entry for entry in self._messages.values() if entry[0] > seen)
         return [
             (version, json.dumps(message, allow_nan=False, separators=(",", ":")))
             for version, message in due

@@ -28,15 +28,14 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     SparseCoordError,
     in_line,
-    needed,
+    packages_needed,
 )
 from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.learners.registry import LEARNERS
 from sparse_coord_ros.show.page.controls import HOST, LOOK, PORT, parse_control
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
-_REMEDY = "pip install aiohttp, or sudo apt install python3-aiohttp"
-with needed("the page needs the Python package aiohttp", _REMEDY):
+with packages_needed():
     from aiohttp import WSMsgType, http_exceptions, web
 
 MOST_PAGES = 32
@@ -120,7 +119,7 @@ class Page:
             self._names |= own_names()
         self._refused: set[str] = set()
         folder = resources.files("sparse_coord_ros.show.page") / "static"
-        self.files = {one.name: one.read_bytes() for one in folder.iterdir()}
+        self.files = {file.name: file.read_bytes() for file in folder.iterdir()}
         self.app = web.Application(
             middlewares=[self._guard], client_max_size=LARGEST_MESSAGE
         )
@@ -155,9 +154,12 @@ class Page:
         host = request.headers.get("Host", "").lower()
         if not self.allowed(host):
             raise self._refusal(f"the request is for host {host!r}", _port_of(host))
-        own = (f"http://{host}", f"https://{host}")
+        own_origins = (f"http://{host}", f"https://{host}")
         same = request.headers.get("Sec-Fetch-Site", "none") in ("same-origin", "none")
-        if not same or request.headers.get("Origin", own[0]).lower() not in own:
+        if (
+            not same
+            or request.headers.get("Origin", own_origins[0]).lower() not in own_origins
+        ):
             origin = request.headers.get("Origin", "another site")
             raise self._refusal(f"the request comes from {origin!r}", _port_of(host))
         return await handler(request)
@@ -166,9 +168,9 @@ class Page:
         """Return a refusal with its remedy; the terminal shows each one once."""
         remedy = f"open http://localhost{port}/, or start it with --host 0.0.0.0"
         if not self._local:
-            own = socket.gethostname()
+            name = socket.gethostname()
             remedy = (
-                f"open http://{own}{port}/, or the machine's address, or start it with "
+                f"open http://{name}{port}/, or the machine's address, or start it with "
                 "--host NAME"
             )
         text = in_line(f"refused: {what}; {remedy}")
@@ -295,7 +297,7 @@ def _pointed_at(board: MessageBoard, value: Any) -> dict[str, Any]:
         SettingError: the value is no such pair, or nothing is known.
     """
     pair = isinstance(value, list) and len(value) == 2
-    if not pair or not all(type(one) is int for one in value):
+    if not pair or not all(type(number) is int for number in value):
         raise SettingError(
             f"control {LOOK!r}: value is {str(value)[:40]!r}, allowed: [cell, peer's cell]"
         )
@@ -394,10 +396,10 @@ class Server:
 
         def connection() -> asyncio.BaseProtocol:
             others = [
-                one for one in serving.connections if one not in self.page.streams
+                other for other in serving.connections if other not in self.page.streams
             ]
-            for one in others[:-MOST_OTHERS]:
-                one.force_close()
+            for other in others[:-MOST_OTHERS]:
+                other.force_close()
             return serving()
 
         door = await self._loop.create_server(connection, sock=self._listening)

@@ -10,7 +10,7 @@ from sparse_coord_ros.core.runs.run import LearningRun, TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.core.runs.team import groups_of
 from sparse_coord_ros.protocol.wire import RunState
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.bag_source import SHOWN_RATE
 from sparse_coord_ros.show.page.controls import (
     NEXT,
@@ -56,7 +56,7 @@ class TrainingView(LiveView, Controlled):
     def look(
         self, learning: LearningRun, transition: TeamTransition | None
     ) -> int | None:
-        """Look at the run; as of `core.engine.training.Watcher`.
+        """Look at the run; return how many transitions to make before the next look.
 
         The last transition is made apart, so that the last frame shows it.
         """
@@ -105,7 +105,9 @@ class TrainingView(LiveView, Controlled):
     def _show_learned(self, learning: LearningRun, *, over: bool = False) -> None:
         """Show what was learned so far, or `over`: at the end."""
         step = None if over else learning.step
-        tables = {k: (step, own) for k, own in enumerate(learning.tables)}
+        tables = {
+            k: (step, robot_tables) for k, robot_tables in enumerate(learning.tables)
+        }
         self.show_learned(learning.history, tables, asked=learning.asked)
 
     def end(self, state: str = RunState.FINISHED) -> None:
@@ -124,7 +126,7 @@ class TrainedView(LiveView):
         board: where the messages go.
 
     Raises:
-        SparseCoordError: as of the parts of `OpenedRun`.
+        SparseCoordError: a part of the run is missing or cannot be read.
     """
 
     def __init__(self, shown: OpenedRun, board: MessageBoard) -> None:
@@ -134,12 +136,12 @@ class TrainedView(LiveView):
         self.state = RunState.GREEDY
         groups = len(groups_of(run.scenario, run.rule))
         self._made = int(shown.history.length.sum()) // groups
-        newest = {k: (None, own) for k, own in enumerate(tables)}
-        measures = messages.measured(run, tables)
+        newest = {k: (None, robot_tables) for k, robot_tables in enumerate(tables)}
+        measures = page_messages.measured(run, tables)
         played = f"asked here in {SHOWN_EPISODES} greedy episodes"
         asked = np.rint(measures.asked * SHOWN_EPISODES).astype(np.int64)
         self.show_learned(shown.history, newest, asked=asked, where=played)
-        self._steps = messages.put_end(board, run, tables, measures)
+        self._steps = page_messages.put_end(board, run, tables, measures)
 
     def play(self) -> None:
         """Play the episode again and again until interrupted."""

@@ -141,10 +141,9 @@ TEAMS = {
         {"perception": "probability:0.6", "steps": 300},
         {"learner": "voi"},
     ),
-    "three": ("crowd-3r", {"steps": 300, "peers": "all"}, {"learner": "voi"}),
     "three, peers seen": (
         "crowd-3r",
-        {"steps": 300, "peers_seen": "while_learning"},
+        {"steps": 150, "peers_seen": "while_learning"},
         {"learner": "voi"},
     ),
 }
@@ -167,7 +166,7 @@ def test_details_have_the_row_that_decided(team, record):
     again = int(steps[len(steps) // 2])
     player.do(SEEK, again)
     player.do(PAUSE, True)
-    for _ in range(25):  # on the way, step by step
+    for _ in range(10):  # on the way, step by step
         player.do(STEP, 1)
         player.source.learn()
     player.source.tick()
@@ -508,10 +507,10 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(team, tables, w
 
 def test_of_a_larger_team_one_robot_is_told(record):
     """All robots that ask at once would fill the page."""
-    settings = {"steps": 1500, "penalty": -100}
-    bag = record("crowd-8r", settings=settings, values={"learner": "voi"}).bag
+    settings = {"steps": 600, "penalty": -100}
+    bag = record("env2-4r", settings=settings, values={"learner": "voi"}).bag
     long_log = GrowingLog(bag)
-    tables = [long_log.tables_before(k).tables for k in range(8)]
+    tables = [long_log.tables_before(k).tables for k in range(4)]
     log = read_run(bag)
     narrator = Narrator(log.run.scenario)
     team = LearnedTeam(log.run, tables)

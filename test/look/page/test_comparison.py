@@ -48,16 +48,13 @@ def test_titles_tell_runs_apart():
         scenario = load_scenario("env1", **settings)
         return make_run(scenario, {"learner": learner, "seed": seed})
 
-    assert titles_of([run("coop"), run("voi")]) == [
-        "the paper's learner",
-        "voi",
-    ]
+    assert titles_of([run("coop"), run("voi")]) == ["coop", "voi"]
     titles = titles_of([run("coop", penalty=-50), run("coop"), run("voi")])
-    assert titles[0] == "the paper's learner, env1, penalty=-50"
+    assert titles[0] == "coop, env1, penalty=-50"
     assert titles[2] == "voi"
     assert titles_of([run("coop"), run("coop", 2)]) == [
-        "the paper's learner, seed 1",
-        "the paper's learner, seed 2",
+        "coop, seed 1",
+        "coop, seed 2",
     ]
 
 

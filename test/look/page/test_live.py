@@ -13,7 +13,7 @@ from sparse_coord_ros.core.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder, blank_history
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.live_source import LiveView
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
@@ -45,7 +45,7 @@ def test_the_newest_questions_are_told_once(view):
         ask(view, step)
         view.show(transitions=step, episode=0, rate=1.0)  # the same transition
     told = [entry["step"] for entry in view.board.get("dialogue")["entries"]]
-    assert told == list(range(50 - messages.MOST_ENTRIES, 50))
+    assert told == list(range(50 - page_messages.MOST_ENTRIES, 50))
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
         view.time += 10 * took
         return {}
 
-    monkeypatch.setattr(messages, "curve_fields", slow_message)
+    monkeypatch.setattr(page_messages, "curve_fields", slow_message)
     assert not view.slow_due()  # nobody looks
     view.board.pages += 1
     assert view.slow_due()
@@ -107,9 +107,9 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
 
 
 def test_numbers_have_four_digits_and_json_knows_each():
-    found = messages.plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
+    found = page_messages.plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
     assert found == [[1.0, None], [None, 0.6667]]
-    assert messages.plain(np.array([1.5, 2.0])) == [1.5, 2.0]
+    assert page_messages.plain(np.array([1.5, 2.0])) == [1.5, 2.0]
 
 
 def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():
@@ -120,7 +120,7 @@ def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():
         asks=np.array([[1.0, 0.0], [0.0, 4.0]]),
         present=np.eye(2),
     )
-    assert messages.curve_fields(history)["asks"] == [[1.0, None], [None, 4.0]]
+    assert page_messages.curve_fields(history)["asks"] == [[1.0, None], [None, 4.0]]
 
 
 def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
@@ -133,7 +133,7 @@ def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     history = recorder.look()
     assert same_bits(history, recorder.history())
     assert not history.length.flags.owndata and recorder.history().length.flags.owndata
-    message = messages.curve_fields(history)
+    message = page_messages.curve_fields(history)
     assert message["window"] == 5 and len(message["length"]) == 200
     assert message["step"] == list(range(0, 1000, 5))
     assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
@@ -146,4 +146,4 @@ def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     )
     # each robot has made half as many steps
     due = message | {"step": [step // 2 for step in message["step"]]}
-    assert messages.curve_fields(mixed) == due
+    assert page_messages.curve_fields(mixed) == due

@@ -8,7 +8,6 @@ import logging
 import re
 import socket
 import struct
-import sys
 import threading
 import time
 from contextlib import ExitStack, suppress
@@ -25,7 +24,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.shipped import unseen_buildings, yardsticks
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.controls import (
     NEXT,
     PAUSE,
@@ -66,7 +65,11 @@ def board():
     made = MessageBoard()
     run = make_run(load_scenario("env1"), {})
     made.put(
-        "run", source="bag", title="a bag", controls=ALL, **messages.run_fields(run)
+        "run",
+        source="bag",
+        title="a bag",
+        controls=ALL,
+        **page_messages.run_fields(run),
     )
     return made
 
@@ -487,18 +490,6 @@ def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsy
     assert main(["watch", str(tmp_path), "--port", "0"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ") and "is not a bag" in line
-
-
-@pytest.mark.parametrize(
-    "verb", ["watch", "watch BAG", "train env1 --watch", "run env1 --watch"]
-)
-def test_without_aiohttp_one_line_says_what_to_install(verb, bag, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
-    monkeypatch.delitem(sys.modules, "sparse_coord_ros.show.page.server")
-    assert main(verb.replace("BAG", str(bag)).split()) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: the page needs the Python package aiohttp")
-    assert line.endswith("sudo apt install python3-aiohttp")
 
 
 @pytest.mark.parametrize("name", ["index.html", "compare.html", "import.html"])

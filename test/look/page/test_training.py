@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.history import blank_history
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.show.page import messages
+from sparse_coord_ros.show.page import page_messages
 from sparse_coord_ros.show.page.controls import PAUSE, RATE, STEP, Control
 from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.training_source import TrainedView, TrainingView
@@ -142,7 +142,7 @@ def test_the_last_frame_shows_what_was_learned_at_the_end(learner, every, clock)
         assert (frame["step"], frame["cells"]) == alone.make_transition()[:2]
         assert [one["step"] for one in tables] == [None, None]
         for one, own in zip(tables, done.tables, strict=True):
-            assert one["q_star"] == messages.plain(own.q_star)
+            assert one["q_star"] == page_messages.plain(own.q_star)
         asked = np.array(board.get("asked")["robots"])
         assert np.array_equal(asked, alone.asked) and (asked.sum() > 0) == (
             learner == "coop"
@@ -172,7 +172,7 @@ def test_tables_on_the_way_are_of_the_time_step_that_is_reached(clock, monkeypat
     again = plain_run(problem, "coop", 0)
     while again.step < tables["step"]:
         again.advance(again.done + 1)
-    assert tables["q_star"] == messages.plain(again.tables[0].q_star)
+    assert tables["q_star"] == page_messages.plain(again.tables[0].q_star)
     assert 1000 <= again.done <= made
 
 

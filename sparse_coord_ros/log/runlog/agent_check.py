@@ -17,8 +17,7 @@ from sparse_coord_ros.log.runlog.difference import (
     Undecided,
     first_entry,
 )
-from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.recorded_tables import RecordedTables
+from sparse_coord_ros.log.runlog.log import RecordedTables, RunLog
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire.messages import action_numbers
@@ -30,7 +29,9 @@ def first_memory(log: RunLog, k: int) -> tuple[Memory | None, Difference | None]
     The memory is None if it is missing in the log.
     """
     run = log.run
-    first = [one for one in log.all_tables if (one.robot, one.step) == (k, 0)]
+    first = [
+        tables for tables in log.all_tables if (tables.robot, tables.step) == (k, 0)
+    ]
     if run.tables or run.greedy:
         return (first[0].tables.memory if first else None), None
     fresh = memory_before(run.rule, run.scenario, k)
@@ -78,8 +79,8 @@ class AgentCheck:
         self.unsure: int | None = None
         self._log = log
         self._k = k
-        recorded = [one for one in log.all_tables if one.robot == k]
-        self._recorded = sorted(recorded, key=lambda one: one.step)
+        recorded = [tables for tables in log.all_tables if tables.robot == k]
+        self._recorded = sorted(recorded, key=lambda tables: tables.step)
         self._tables = deque(self._recorded)
         self._due = deque(self._due_steps())
         self._replay: Replay | None = None
@@ -89,9 +90,9 @@ class AgentCheck:
         """Transitions of the world from which the robot has not learned."""
         if self._log.run.greedy:
             return 0
-        done = self.trajectory
-        rewarded = ~np.isnan(self._log.column("individual")[done.row, self._k])
-        return int((rewarded & ~done.learned)[: self.choices].sum())
+        trajectory = self.trajectory
+        rewarded = ~np.isnan(self._log.column("individual")[trajectory.row, self._k])
+        return int((rewarded & ~trajectory.learned)[: self.choices].sum())
 
     def begin(self) -> Iterator[Finding]:
         """Make the agent as it is at the run's beginning, and compare its tables."""
@@ -108,34 +109,34 @@ class AgentCheck:
     def decide(self, step: int) -> Iterator[Finding]:
         """Compare the tables up to a time step, then whether the robot asks there."""
         yield from self._compare_tables(step)
-        place = self.choices
+        index = self.choices
         if not self._acts_at(step):
             return
         assert self._replay is not None
-        yield from self._learned_before(place)
+        yield from self._learned_before(index)
         asks = self._replay.decide().action == COORDINATE
-        if asks != self._log.asked[self.trajectory.row[place], self._k]:
+        if asks != self._log.asked[self.trajectory.row[index], self._k]:
             logged, computed = f"coordinate={not asks:d}", f"coordinate={asks:d}"
             words = wire.ACTION.name, logged, computed
             yield Difference(step, self.name, *words)
 
     def act(self, step: int) -> Iterator[Finding]:
         """Compare the action of a time step, if there is one; its percept must be right."""
-        place = self.choices
+        index = self.choices
         if not self._acts_at(step):
             return
         assert self._replay is not None
-        if not self._replay.advance(place + 1):
+        if not self._replay.advance(index + 1):
             assert self._replay.other is not None
-            yield self._other_action(place, self._replay.other)
+            yield self._other_action(index, self._replay.other)
         self.choices += 1
-        learns = not self._log.run.greedy and self.trajectory.learned[place]
+        learns = not self._log.run.greedy and self.trajectory.learned[index]
         self.updates += bool(learns)
 
     def end(self) -> Iterator[Finding]:
         """Check that the log has the robot's last tables, and none after the last time step."""
         acted = int(self.trajectory.step.max(initial=0))
-        newest = max((one.step for one in self._recorded), default=0)
+        newest = max((tables.step for tables in self._recorded), default=0)
         if newest < acted:
             why = f"{self.name} saved no tables at its end (killed?)"
             yield Undecided(acted, why)
@@ -147,46 +148,49 @@ class AgentCheck:
 
     def _acts_at(self, step: int) -> bool:
         """Return whether the robot's next action is of a time step."""
-        place = self.choices
+        index = self.choices
         steps = self.trajectory.step
-        return place < len(steps) and steps[place] == step
+        return index < len(steps) and steps[index] == step
 
-    def _learned_before(self, place: int) -> Iterator[Finding]:
+    def _learned_before(self, index: int) -> Iterator[Finding]:
         """Check that an action's number `learned` is possible."""
-        step = int(self.trajectory.step[place])
-        logged = self._log.column("learned")[self.trajectory.row[place], self._k]
+        step = int(self.trajectory.step[index])
+        logged = self._log.column("learned")[self.trajectory.row[index], self._k]
         if logged == 0.0:
-            self._may_lack_an_action(place)
+            self._may_lack_an_action(index)
             return
         words = wire.ACTION.name, f"learned={logged:g}"
-        if logged != 1.0 or self._log.run.greedy or not place:
+        if logged != 1.0 or self._log.run.greedy or not index:
             possible = logged == 1.0
             due = "0: there was nothing to learn from" if possible else "0 or 1"
             yield Difference(step, self.name, *words, due)
-        elif not self.trajectory.told[place - 1]:
-            before = int(self.trajectory.step[place - 1])
+        elif not self.trajectory.told[index - 1]:
+            before = int(self.trajectory.step[index - 1])
             why = f"{self.name} learned from time step {before}, of which the log lacks messages"
             yield Undecided(before, why)
 
-    def _may_lack_an_action(self, place: int) -> None:
+    def _may_lack_an_action(self, index: int) -> None:
         """Note if the robot did not act in the step after its action before, as far as is logged.
 
         An action there, which came too late for the world, would say whether it learned.
         """
-        done = self.trajectory
-        if not place or not done.told[place - 1] or self._log.run.greedy:
+        trajectory = self.trajectory
+        if not index or not trajectory.told[index - 1] or self._log.run.greedy:
             return
         goal = self._log.run.scenario.robots[self._k].goal
-        next_step = int(done.step[place - 1]) + 1
-        could_act = done.step[place] > next_step and done.next_cell[place - 1] != goal
+        next_step = int(trajectory.step[index - 1]) + 1
+        could_act = (
+            trajectory.step[index] > next_step
+            and trajectory.next_cell[index - 1] != goal
+        )
         if could_act and self.unsure is None:
             self.unsure = next_step
 
-    def _other_action(self, place: int, computed: Action) -> Difference:
+    def _other_action(self, index: int, computed: Action) -> Difference:
         """Return the difference for an action that the agent does not choose."""
-        logged = self._log.numbers[self.trajectory.row[place], self._k]
+        logged = self._log.numbers[self.trajectory.row[index], self._k]
         words = different_numbers(logged, action_numbers(computed))
-        step = int(self.trajectory.step[place])
+        step = int(self.trajectory.step[index])
         return Difference(step, self.name, wire.ACTION.name, *words)
 
     # Tables.
@@ -212,16 +216,16 @@ class AgentCheck:
 
     def _compare_tables(self, step: int) -> Iterator[Finding]:
         """Compare the recorded tables up to a time step, before the action there."""
-        found = set()
+        recorded = set()
         while self._tables and self._tables[0].step <= step:
             entry = self._tables.popleft()
-            found.add(entry.step)
+            recorded.add(entry.step)
             yield from self._compare(entry)
             self.compared += 1
             self.unsure = None
         while self._due and self._due[0] <= step:
             due = self._due.popleft()
-            if due not in found:
+            if due not in recorded:
                 yield self._not_there(due)
 
     def _compare(self, entry: RecordedTables) -> Iterator[Finding]:
@@ -260,8 +264,8 @@ class AgentCheck:
 def different_numbers(logged: np.ndarray, computed: Sequence[float]) -> tuple[str, str]:
     """Return the numbers of an action that differ, as words: logged, computed."""
     pairs = zip(wire.ACTION_LABELS, logged.tolist(), computed, strict=False)
-    found = [(name, a, b) for name, a, b in pairs if repr(a) != repr(b)]
+    different = [(name, a, b) for name, a, b in pairs if repr(a) != repr(b)]
     return (
-        " ".join(f"{name}={a:g}" for name, a, _ in found),
-        " ".join(f"{name}={b:g}" for name, _, b in found),
+        " ".join(f"{name}={a:g}" for name, a, _ in different),
+        " ".join(f"{name}={b:g}" for name, _, b in different),
     )

@@ -35,14 +35,14 @@ class PerceptCheck:
         self._rows = dict(zip(percepts.step.tolist(), percepts.rows, strict=True))
         self._rewarded = set(log.series[REWARD, k].step.tolist())
 
-    def check(self, place: int) -> Iterator[Finding]:
+    def check(self, index: int) -> Iterator[Finding]:
         """Compare the percept of an action, by its place in the trajectory; or that it has none.
 
         All robots' states of its time step must be in the log.
         """
         log = self._log
-        row = self._trajectory.row[place]
-        step = int(self._trajectory.step[place])
+        row = self._trajectory.row[index]
+        step = int(self._trajectory.step[index])
         end = float(log.column(PERCEPT.name)[row, self._k])
         logged = self._rows.get(step)
         if not log.asked[row, self._k]:
@@ -59,7 +59,7 @@ class PerceptCheck:
         here = cells[self._k]
         if tuple(own) != log.frame.centres[here]:
             yield self._difference(step, f"own position {tuple(own)}", f"cell {here}")
-        peers = self._trajectory.peers[place].tolist()
+        peers = self._trajectory.peers[index].tolist()
         if seen:
             yield from self._answered(step, seen, cells, peers)
             yield from self._ended(step, end, PerceptEnd.ANSWERED)
@@ -79,9 +79,11 @@ class PerceptCheck:
         """Check that a percept has the peers' cells, and succeeds by its draw."""
         frame = self._log.frame
         due = [cells[peer] for peer in peers]
-        if [tuple(place) for place in seen] != [frame.centres[cell] for cell in due]:
-            found = [frame.cell(x, y) for x, y in seen]
-            yield self._difference(step, _cells(found), _cells(due))
+        if [tuple(position) for position in seen] != [
+            frame.centres[cell] for cell in due
+        ]:
+            perceived = [frame.cell(x, y) for x, y in seen]
+            yield self._difference(step, _cells(perceived), _cells(due))
         if not self._succeeds(step, cells, peers):
             words = PerceptEnd.ANSWERED.words, PerceptEnd.REFUSED.words
             yield self._difference(step, *words)
@@ -108,7 +110,7 @@ class PerceptCheck:
     def _ended(self, step: int, end: float, *allowed: PerceptEnd) -> Iterator[Finding]:
         """Check that the logged end of a percept is an allowed one."""
         if end not in allowed:
-            words = " or ".join(one.words for one in allowed)
+            words = " or ".join(way.words for way in allowed)
             yield self._difference(step, percept_end(end), words)
 
     def _difference(self, step: int, *words: str) -> Finding:

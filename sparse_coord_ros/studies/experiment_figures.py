@@ -92,24 +92,24 @@ def beside_paper(results: Results, measures: Sequence[str]) -> Figure:
     """
     scenarios = by_scenario(results)
     figure, rows = _panel_rows(measures, len(scenarios), columns=3)
-    titles = [one.learner.title for one in scenarios[0]]
+    titles = [result.learner.label for result in scenarios[0]]
     for measure, drawn in rows:
-        for axes, own in zip(drawn, scenarios, strict=True):
-            ours = measured(own, measure)
+        for axes, group in zip(drawn, scenarios, strict=True):
+            ours = measured(group, measure)
             ours["learner"] = ours["line"]
             ours["line"] = ours["line"] + ", ours"
             ours["side"] = -1
             papers = []
-            for one in own:
-                printed = paper(one, measure)
+            for result in group:
+                printed = paper(result, measure)
                 if printed is not None:
-                    learner = one.learner.title
-                    place = {"line": f"{learner}, paper", "learner": learner, "side": 1}
+                    learner = result.learner.label
+                    point = {"line": f"{learner}, paper", "learner": learner, "side": 1}
                     mean, _ = printed
-                    papers.append(place | value_and_bar(measure, mean, 0.0))
+                    papers.append(point | value_and_bar(measure, mean, 0.0))
             data = pd.concat([ours, pd.DataFrame(papers)], ignore_index=True)
             draw_points(axes, data, "learner", titles)
-            axes.set_title(own[0].scenario.name, fontsize=11)
+            axes.set_title(group[0].scenario.name, fontsize=11)
         label_axes(drawn, 3, measure)
         finish_measure(drawn, measure)
     add_legend(figure, ERRORS.format(runs=results[0].runs))
@@ -121,7 +121,7 @@ def crowd_figure(results: Results) -> Figure:
     figure, panels = panel_grid(len(SWEPT_MEASURES), len(SWEPT_MEASURES))
     for axes, measure in zip(panels, SWEPT_MEASURES, strict=True):
         data = measured(results, measure)
-        data["robots"] = [len(one.scenario.robots) for one in results]
+        data["robots"] = [len(result.scenario.robots) for result in results]
         asked_all = (data["line"] == COOP) & (data["peers"] == "all")
         data.loc[asked_all, "line"] = ALL_PEERS
         draw_lines(axes, data, "robots")
@@ -147,14 +147,16 @@ def swept_figure(
     Raises:
         SettingError: the conditions do not differ in `x`, or the measure is unknown.
     """
-    results = [one for own in by_scenario(results) for one in own]
+    results = [result for group in by_scenario(results) for result in group]
     varied = _varied(results)
     if not x and not _differ(results):
         return learners_figure(results, measures)
     x = x or varied[0]
     _check("x", [x], varied)
     _check("measure", measures, MEASURABLE)
-    values = list(dict.fromkeys(one.scenario.plain_settings[x] for one in results))
+    values = list(
+        dict.fromkeys(result.scenario.plain_settings[x] for result in results)
+    )
     numbers = all(map(_is_number, values))
     names = None if numbers else list(map(as_text, values))
     groups = _by_panel(results, [name for name in varied if name != x])
@@ -162,8 +164,8 @@ def swept_figure(
     figure, rows = _panel_rows(measures, len(groups), columns)
     bars = False
     for row, (measure, drawn) in enumerate(rows):
-        for axes, (title, own) in zip(drawn, groups.items(), strict=True):
-            data = measured(own, measure)
+        for axes, (title, group) in zip(drawn, groups.items(), strict=True):
+            data = measured(group, measure)
             bars = bars or bool(data["high"].any())
             _draw_swept(axes, data, x, names)
             axes.set_title(title, fontsize=11)
@@ -172,8 +174,8 @@ def swept_figure(
         if not last and columns == len(groups) and names is not None:
             _hide_long_names(drawn, names)
         label_axes(drawn, columns, measure, x if last else "")
-    said = (ERRORS if bars else NO_BARS) + (NESTED_TEXT if numbers else "")
-    add_legend(figure, said.format(runs=results[0].runs))
+    text = (ERRORS if bars else NO_BARS) + (NESTED_TEXT if numbers else "")
+    add_legend(figure, text.format(runs=results[0].runs))
     return figure
 
 
@@ -203,7 +205,8 @@ def _hide_long_names(panels: Sequence[Axes], names: Sequence[str]) -> None:
 def _differ(results: Results) -> bool:
     """Return whether conditions of one scenario differ in a setting, not only in the learner."""
     return any(
-        len({one.condition.settings for one in own}) > 1 for own in by_scenario(results)
+        len({result.condition.settings for result in group}) > 1
+        for group in by_scenario(results)
     )
 
 
@@ -219,9 +222,9 @@ def learners_figure(results: Results, measures: Sequence[str]) -> Figure:
     columns = _columns(measures, len(groups))
     figure, rows = _panel_rows(measures, len(groups), columns)
     for measure, drawn in rows:
-        for axes, own in zip(drawn, groups, strict=True):
-            draw_bars(axes, measured(own, measure))
-            axes.set_title(own[0].scenario.name, fontsize=11)
+        for axes, group in zip(drawn, groups, strict=True):
+            draw_bars(axes, measured(group, measure))
+            axes.set_title(group[0].scenario.name, fontsize=11)
         finish_measure(drawn, measure)
         label_axes(drawn, columns, measure, "")
     add_legend(figure, ERRORS.format(runs=results[0].runs))
@@ -237,8 +240,8 @@ def _by_panel(
 ) -> dict[str, list[ConditionResult]]:
     """Return the results of each combination of some settings, by the title of its panel."""
     groups: dict[str, list[ConditionResult]] = {}
-    for one in results:
-        groups.setdefault(_panel_title(one, settings), []).append(one)
+    for result in results:
+        groups.setdefault(_panel_title(result, settings), []).append(result)
     return groups
 
 
@@ -255,8 +258,12 @@ def _draw_swept(
 
 def _varied(results: Results) -> list[str]:
     """Return the settings that conditions name and in which they differ; else the penalty."""
-    named = dict.fromkeys(key for one in results for key, _ in one.condition.settings)
-    values = {name: {getattr(one.scenario, name) for one in results} for name in named}
+    named = dict.fromkeys(
+        key for result in results for key, _ in result.condition.settings
+    )
+    values = {
+        name: {getattr(result.scenario, name) for result in results} for name in named
+    }
     return [name for name in named if len(values[name]) > 1] or ["penalty"]
 
 
@@ -297,17 +304,17 @@ def measured(results: Results, measure: str) -> pd.DataFrame:
         results: the conditions.
         measure: one of `MEASURABLE`.
     """
-    exact = all(one.optimum_exact for one in results)
+    exact = all(result.optimum_exact for result in results)
     optimum = OPTIMUM if exact else BOUND
     points = []
-    for one in results:
+    for result in results:
         points.append(
             {
-                **one.scenario.plain_settings,
-                "line": one.learner.title,
-                "side": side_of(one.condition.learner),
-                **value_and_bar(measure, *_mean_and_error(one, measure)),
-                **compared_with(one, measure, optimum),
+                **result.scenario.plain_settings,
+                "line": result.learner.label,
+                "side": side_of(result.condition.learner),
+                **value_and_bar(measure, *_mean_and_error(result, measure)),
+                **compared_with(result, measure, optimum),
             }
         )
     return pd.DataFrame(points)
@@ -315,9 +322,9 @@ def measured(results: Results, measure: str) -> pd.DataFrame:
 
 def side_of(learner: str) -> float:
     """Return the offset of a learner's points to the right of their name, in marks."""
-    return (
-        REPORTED_LEARNERS.index(learner) - 1.5 if learner in REPORTED_LEARNERS else 0.0
-    )
+    if learner not in REPORTED_LEARNERS:
+        return 0.0
+    return REPORTED_LEARNERS.index(learner) - 1.5
 
 
 def _mean_and_error(result: ConditionResult, name: str) -> tuple[float, float]:
@@ -370,25 +377,25 @@ def asked_maps(results: Sequence[ConditionResult]) -> Figure:
 
     Each map says its learner and settings.
     """
-    totals = {one.id: one.measures.asked.sum(axis=0) for one in results}
+    totals = {result.id: result.measures.asked.sum(axis=0) for result in results}
     norm = PowerNorm(
         0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1
     )
     figure = Figure()
     axes = figure.add_axes((0, 0, 1, 1))
     left = top = deep = 0.0
-    for one in sorted(results, key=lambda one: one.scenario.map.shape[1]):
-        rows, columns = one.scenario.map.shape
+    for result in sorted(results, key=lambda result: result.scenario.map.shape[1]):
+        rows, columns = result.scenario.map.shape
         wide = max(LEAST, columns)
         if left + wide > LINE_CELLS:
             left = 0.0
             top = top + deep
             deep = 0.0
-        title = _title(one)
+        title = _title(result)
         above = TITLE_LINE * len(title)
         corner = (left + (wide - columns) / 2, top + above + 0.2)
-        shades = np.asarray(norm(totals[one.id]))
-        draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
+        shades = np.asarray(norm(totals[result.id]))
+        draw_map(axes, result.scenario, shades, corner=corner, label_size=6.5)
         axes.text(
             corner[0] + columns / 2,
             top + above,
@@ -416,7 +423,7 @@ def _title(result: ConditionResult) -> list[str]:
     """Return the lines above a map: scenario, learner, settings, and how often a robot asks."""
     settings = ", ".join(f"{name} {value}" for name, value in result.condition.settings)
     return [
-        f"{result.scenario.name}, {result.learner.title}",
+        f"{result.scenario.name}, {result.learner.label}",
         *textwrap.wrap(settings, TITLE_LETTERS),
         f"{result.measures.mean('asks'):.3f} asks a robot",
     ]
@@ -473,32 +480,32 @@ def results_figure(
         raise ResultsError(f"{directory}: holds no result yet; {remedy}")
     draws: dict[str, Draw] = {"conditions": swept_figure}
     shown = {"conditions": results}
-    for one, own in _complete(results):
-        draws |= figures_of(one.name)
-        shown |= dict.fromkeys(figures_of(one.name), own)
-    asking = by_scenario(one for one in results if one.learner.asks)
+    for complete, group in _complete(results):
+        draws |= figures_of(complete.name)
+        shown |= dict.fromkeys(figures_of(complete.name), group)
+    asking = by_scenario(result for result in results if result.learner.asks)
     if asking:
         draws["asks"] = asked_maps
-        shown["asks"] = [most_asking(own) for own in asking]
+        shown["asks"] = [most_asking(group) for group in asking]
     what = what or "conditions"
     if what not in draws:
         why = f"these results have {', '.join(draws)}{did_you_mean(what, draws)}"
         raise SettingError(f"--what {what!r}: {why}")
     if what == "asks":
-        for result in shown[what]:
+        for condition in shown[what]:
             say(
-                f"asks: {result.id}, where robots ask most at the hardest penalty there is"
+                f"asks: {condition.id}, where robots ask most at the hardest penalty there is"
             )
     return what, draws[what](shown[what])
 
 
 def _complete(results: Results) -> Iterator[tuple[Experiment, list[ConditionResult]]]:
     """Yield the experiments with results of all their conditions, and these results."""
-    by_id = {one.id: one for one in results}
+    by_id = {result.id: result for result in results}
     for name in NAMES:
-        one = experiment(name)
-        if all(each.id in by_id for each in one.conditions):
-            yield one, [by_id[each.id] for each in one.conditions]
+        complete = experiment(name)
+        if all(condition.id in by_id for condition in complete.conditions):
+            yield complete, [by_id[condition.id] for condition in complete.conditions]
 
 
 def most_asking(results: Results) -> ConditionResult:
@@ -506,8 +513,9 @@ def most_asking(results: Results) -> ConditionResult:
 
     It has most to show. Of equal ones the first by its id.
     """
-    hardest = min(one.scenario.penalty for one in results)
-    there = sorted(
-        (one for one in results if one.scenario.penalty == hardest), key=lambda e: e.id
+    hardest = min(result.scenario.penalty for result in results)
+    candidates = sorted(
+        (result for result in results if result.scenario.penalty == hardest),
+        key=lambda result: result.id,
     )
-    return max(there, key=lambda one: one.measures.mean("asks"))
+    return max(candidates, key=lambda result: result.measures.mean("asks"))

@@ -114,8 +114,8 @@ class WorldCheck:
                 words = wire.LOCAL_STATE.name, self._place(logged), self._place(due)
                 yield Difference(step, log.names[k], *words)
 
-    def _place(self, where: np.ndarray) -> str:
-        x, y = where.tolist()
+    def _place(self, position: np.ndarray) -> str:
+        x, y = position.tolist()
         cell = self._log.frame.cell(x, y)
         return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 

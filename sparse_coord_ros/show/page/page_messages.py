@@ -7,6 +7,7 @@ one before of its type: the page needs only the newest of each.
 """
 
 from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -16,6 +17,7 @@ from sparse_coord_ros.base import palette
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.version import __version__
 from sparse_coord_ros.core.game.actions import ACTIONS, DIRECTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
@@ -26,16 +28,14 @@ from sparse_coord_ros.core.solve.exact import MOST_ROBOTS, evaluate_best
 from sparse_coord_ros.core.solve.shipped import known_optimum, yardsticks
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.core.solve.verdict import verdict_on
-from sparse_coord_ros.lab.maps.image import under
 from sparse_coord_ros.log.runlog import explain
 from sparse_coord_ros.log.runlog.relearned import AskedQuestion
 from sparse_coord_ros.protocol.wire import PerceptEnd
 from sparse_coord_ros.show.episodes import BUSIEST, played_episode
-from sparse_coord_ros.show.narrator import Narrator, failing_in_words
+from sparse_coord_ros.show.narrator import Narrator, failing_in_words, rules_in_words
 from sparse_coord_ros.show.page.key_steps import LearnedTeam, kinds_of, shown_by
 from sparse_coord_ros.show.page.message_board import Message, MessageBoard
 from sparse_coord_ros.show.policy import entered, policy_of
-from sparse_coord_ros.show.rules import rules_in_words
 from sparse_coord_ros.show.steps import Question, questions_of
 
 POINTS = 240
@@ -95,7 +95,7 @@ def run_fields(run: RunConfig) -> Message:
                 name: getattr(grid, name) for name in ("name", "title", "rows", "cells")
             },
             "doorways": sorted(grid.doorways),
-            "under": under(grid),
+            "under": _floor_plan_under(grid),
         },
         "robots": [
             {
@@ -108,6 +108,17 @@ def run_fields(run: RunConfig) -> Message:
     }
 
 
+def _floor_plan_under(grid: GridMap) -> Message | None:
+    """Return the floor plan under a map, as a picture; None without one, or the extra `maps`."""
+    if grid.resolution is None:
+        return None
+    with suppress(ImportError):
+        from sparse_coord_ros.lab.maps.image import under
+
+        return under(grid)
+    return None
+
+
 def frame_fields(
     seen: TeamTransition, trails: Sequence[Sequence[int]], narrator: Narrator
 ) -> Message:
@@ -115,7 +126,7 @@ def frame_fields(
 
     Args:
         seen: the time step.
-        trails: as of `show.steps.trails_of`.
+        trails: the last cells of each robot, the oldest first.
         narrator: of the scenario.
     """
     return {
@@ -146,12 +157,12 @@ the run's end."""
 def table_fields(run: RunConfig, tables: TablesThen) -> list[Message | None]:
     """Return what each robot's tables say; None for a robot without tables."""
     robots: list[Message | None] = [None] * len(run.scenario.robots)
-    for k, (step, own) in tables.items():
+    for k, (step, robot_tables) in tables.items():
         robot = run.scenario.robots[k]
-        policy = policy_of(own, robot.goal)
+        policy = policy_of(robot_tables, robot.goal)
         robots[k] = {
             "step": step,
-            "q_star": plain(own.q_star),
+            "q_star": plain(robot_tables.q_star),
             "moves": (policy.moves & policy.learned[:, None]).astype(int).tolist(),
             "asks": np.flatnonzero(policy.asks).tolist(),
             "enters": entered(policy, run.scenario.map, robot.start).tolist(),
@@ -168,9 +179,9 @@ def put_so_far(board: MessageBoard, run: RunConfig, history: History) -> None:
     if tables is None or not all(tables["robots"]):
         return
     robots = tables["robots"]
-    if any(own["step"] is None for own in robots):
+    if any(robot["step"] is None for robot in robots):
         return
-    counts = [len(set(own["asks"]) & set(own["enters"])) for own in robots]
+    counts = [len(set(robot["asks"]) & set(robot["enters"])) for robot in robots]
     if len(robots) > MOST_NAMED:
         asking = sum(count > 0 for count in counts)
         lines = [f"So far {asking} robots would ask on their ways."]
@@ -217,18 +228,20 @@ def pointed_fields(
     """
     cells = len(run.scenario.map.cells)
     team = len(run.scenario.robots)
-    for one in (cell, peer_cell):
-        if not 0 <= one < cells:
-            raise SettingError(f"cell is {one}, allowed: 0 to {cells - 1}")
+    for number in (cell, peer_cell):
+        if not 0 <= number < cells:
+            raise SettingError(f"cell is {number}, allowed: 0 to {cells - 1}")
     robots: list[Message | None] = [None] * team
-    for k, (_, own) in tables.items():
-        q_star = own.q_star[cell]
+    for k, (_, robot_tables) in tables.items():
+        q_star = robot_tables.q_star[cell]
         moves = q_star[:PRIMITIVES]
         q_coord = None
         if team == 2 and run.rule.asks:
-            places = [peer_cell, peer_cell]
-            places[k] = cell
-            q_coord = np.array(own.values_asking(cell, 1 << (1 - k), places))
+            cells_of_team = [peer_cell, peer_cell]
+            cells_of_team[k] = cell
+            q_coord = np.array(
+                robot_tables.values_asking(cell, 1 << (1 - k), cells_of_team)
+            )
         robots[k] = {
             "q_star": plain(q_star),
             "q_coord": None if q_coord is None else plain(q_coord),
@@ -249,9 +262,8 @@ def curve_fields(history: History) -> Message:
     first = history.first_step
     count = history.episodes
     order: Any = slice(None)
-    if (
-        first[1:] < first[:-1]
-    ).any():  # of robots that learned alone, one after the other
+    # Robots that learn alone do so one after the other.
+    if (first[1:] < first[:-1]).any():
         order = np.argsort(first, kind="stable")
     window = _window(count)
     begins = np.arange(0, count, window)
@@ -260,15 +272,15 @@ def curve_fields(history: History) -> Message:
         """Return each point's mean; of robots only over the episodes in which they were there."""
         return _means(values[order], weights[order], begins)
 
-    every = np.ones(count)
-    own = history.present
+    ones = np.ones(count)
+    present = history.present
     return {
         "episodes": count,
         "window": window,
         "step": history.steps_before[order][begins].tolist(),
-        "length": means(history.length, every),
-        "miscoordinations": means(history.miscoordinations, every),
-        "asks": means(history.asks, own),
+        "length": means(history.length, ones),
+        "miscoordinations": means(history.miscoordinations, ones),
+        "asks": means(history.asks, present),
     }
 
 
@@ -282,8 +294,8 @@ def _means(values: np.ndarray, weights: np.ndarray, begins: np.ndarray) -> list[
     if not len(values):
         return []
     sums, counts = (
-        np.add.reduceat(one.astype(float, copy=False), begins, axis=0)
-        for one in (values, weights)
+        np.add.reduceat(array.astype(float, copy=False), begins, axis=0)
+        for array in (values, weights)
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         return plain((sums / counts).T)
@@ -306,7 +318,7 @@ def evaluation_fields(
     Args:
         run: the run.
         tables: of every robot.
-        measures: as of `measured`.
+        measures: their value.
         step: of which time step they are; None: of the run's end.
     """
     scenario = run.scenario
@@ -335,13 +347,15 @@ def _ignoring(scenario: Scenario) -> float | None:
 
 def _askers(run: RunConfig, tables: Sequence[Tables]) -> list[int]:
     """Return the robots (from 0) that ask in a cell to which they come greedily."""
-    found = []
-    for k, (robot, own) in enumerate(zip(run.scenario.robots, tables, strict=True)):
-        policy = policy_of(own, robot.goal)
+    askers = []
+    for k, (robot, robot_tables) in enumerate(
+        zip(run.scenario.robots, tables, strict=True)
+    ):
+        policy = policy_of(robot_tables, robot.goal)
         reached = entered(policy, run.scenario.map, robot.start)
         if policy.asks[reached].any():
-            found.append(k)
-    return found
+            askers.append(k)
+    return askers
 
 
 def put_learned(
@@ -371,7 +385,7 @@ def put_end(
         board: where the messages go.
         run: the run.
         tables: of every robot.
-        measures: as of `measured`.
+        measures: their value.
 
     Returns:
         The episode's transitions, with time steps from 0.
@@ -391,7 +405,7 @@ def headline(question: str, evaluation: Message | None) -> str:
 
     Args:
         question: in words; empty: there is none.
-        evaluation: as of `evaluation_fields`; None: not known so far.
+        evaluation: the fields of `evaluation_fields`; None: not known so far.
     """
     if evaluation is None or (question and not evaluation["failing"]):
         return question
@@ -437,12 +451,15 @@ def in_words(
         after = None if seen.after is None else seen.after[k]
         whom = ", ".join(narrator.names[peer] for peer in peers) or "no peer"
         asked = asked_of(seen, question)
-        told = end.words
+        outcome = end.words
         perceived = None if asked is None else asked.perceived
         if perceived is not None:
-            places = ", ".join(explain.cell_in_words(run, one) for one in perceived)
-            told = f"answers {places}"
-        lines = [explain.choice_in_words(run, k, cell), f"asks {whom}: {told}"]
+            cells = ", ".join(
+                explain.cell_in_words(run, perceived_cell)
+                for perceived_cell in perceived
+            )
+            outcome = f"answers {cells}"
+        lines = [explain.choice_in_words(run, k, cell), f"asks {whom}: {outcome}"]
         reason = reasons.get(k)
         lines += explain.why_in_words(reason)
         by_cell = cell if k in known else None
@@ -453,22 +470,22 @@ def in_words(
         reward = seen.rewards[k] if seen.rewards else None
         if reward is not None:
             lines.append(explain.reward_in_words(run, reward.total, after))
-        said = {"text": narrator.question(seen, question), "lines": lines}
+        words = {"text": narrator.question(seen, question), "lines": lines}
         yield {
             "step": seen.step,
             "made": made,
             "robot": k,
             "outcome": question.outcome,
-            **said,
+            **words,
         }
 
 
 def plain(values: np.ndarray) -> list[Any]:
     """Return numbers with four digits as lists; None in place of NaN and infinity."""
-    found = values.round(4)
-    unknown = ~np.isfinite(found)
+    numbers = values.round(4)
+    unknown = ~np.isfinite(numbers)
     if unknown.any():
-        found = found.astype(object)
-        found[unknown] = None
-    plain: list[Any] = found.tolist()
-    return plain
+        numbers = numbers.astype(object)
+        numbers[unknown] = None
+    rows: list[Any] = numbers.tolist()
+    return rows
