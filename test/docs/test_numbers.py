@@ -103,6 +103,15 @@ def test_readme_shows_rows_of_the_leaderboard():
         assert share in readme
 
 
+@pytest.mark.parametrize("name", ["learners.md", "leaderboard.md"])
+def test_shares_in_sentences_are_those_of_a_table(name):
+    tables = "\n".join(file.read_text("utf-8") for file in TABLES.glob("*.md"))
+    page = (ROOT / "docs" / name).read_text("utf-8")
+    shares = re.findall(r"-?[\d.]+ % \([\d.]+\)(?:, \d+ of \d+)?", page)
+    assert shares
+    assert [one for one in shares if one.replace(", ", " | ") not in tables] == []
+
+
 LEARNERS_PAGE = (ROOT / "docs/learners.md").read_text("utf-8")
 
 
