@@ -26,11 +26,12 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0: identical, 1: differs, 3: undecided."""
     from sparse_coord_ros.log.runlog import verify
 
-    with Bar("time steps", "reading the bag", quiet=options.json) as bar:
+    with Bar("steps", "reading the bag", quiet=options.json) as bar:
         verification = verify(options.bag, bar.show)
     log = verification.log
     facts = {name: value for name, value in vars(verification).items() if name != "log"}
     facts["bag"] = log.path
+    facts["step"] = verification.first and log.made_before(verification.first.step)
     facts["identical"] = verification.same
     facts["segments"] = log.segments
     facts["damage"] = log.damage
@@ -53,8 +54,7 @@ def _account(verification) -> Iterator[str]:
     )
     yield (
         f"computed again: {verification.steps} steps of the world, "
-        f"{verification.choices} actions, "
-        f"{verification.updates} updates, {verification.tables} recorded tables"
+        f"{verification.choices} actions, {verification.updates} updates, {verification.tables} recorded tables"
     )
     for name, count in verification.notes.items():
         yield f"{name}: {count}"
@@ -62,7 +62,7 @@ def _account(verification) -> Iterator[str]:
         yield "the robots have bodies: the result of each move is taken from the log"
     for number, (file, step) in enumerate(zip(log.files, log.segments, strict=True)):
         if number and step:
-            yield f"{file}: goes on from the checkpoint of time step {step}"
+            yield f"{file}: goes on from the checkpoint of step {log.made_before(step)}"
 
 
 def _answer(verification) -> Iterator[str]:
@@ -70,7 +70,9 @@ def _answer(verification) -> Iterator[str]:
     if verification.same:
         yield "identical: every state, reward, percept, action and table agrees"
         yield f"not compared: {NOT_COMPARED}"
-    elif verification.difference is not None:
-        yield f"differs: {verification.difference}"
+        return
+    step = verification.log.made_before(verification.first.step)
+    if verification.difference is not None:
+        yield f"differs at step {step}: {verification.difference}"
     else:
-        yield f"undecided {verification.undecided}"
+        yield f"undecided from step {step} on: {verification.undecided.why}"

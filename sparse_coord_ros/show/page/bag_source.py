@@ -81,7 +81,7 @@ class BagSource(controls.Played):
         path: a bag's directory or file, or a run's directory.
         board: where the messages go.
         rate: time steps a second; 0: as far as the log goes.
-        step: the time step to begin at; None: what was learned is shown.
+        step: the learning step to begin at; None: what was learned is shown.
 
     Attributes:
         log: the bag.
@@ -146,7 +146,7 @@ class BagSource(controls.Played):
             self._find_highlight()
             self._show_again()
         if step is not None:
-            self._go(step)
+            self._go(self.log.log.time_step(step))
 
     def _find_highlight(self) -> None:
         """Find the episode that shows what was learned, and say so."""
