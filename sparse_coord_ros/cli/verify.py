@@ -54,7 +54,8 @@ def _account(verification) -> Iterator[str]:
     )
     yield (
         f"computed again: {verification.steps} steps of the world, "
-        f"{verification.choices} actions, {verification.updates} updates, {verification.tables} recorded tables"
+        f"{verification.choices} actions, {verification.updates} updates, "
+        f"{verification.tables} recorded tables"
     )
     for name, count in verification.notes.items():
         yield f"{name}: {count}"
