@@ -104,7 +104,7 @@ def test_readme_shows_rows_of_the_leaderboard():
         assert share in readme
 
 
-@pytest.mark.parametrize("name", ["learners.md", "leaderboard.md"])
+@pytest.mark.parametrize("name", ["learners.md", "leaderboard.md", "when.md"])
 def test_shares_in_sentences_are_those_of_a_table(name):
     tables = "\n".join(file.read_text("utf-8") for file in TABLES.glob("*.md"))
     page = (ROOT / "docs" / name).read_text("utf-8")
