@@ -98,7 +98,11 @@ def main(name: str) -> int:
     if not is_live:  # it is interrupted as Python does
         for number, handler in before.items():
             signal.signal(number, handler)
-    return run()
+    code = run()
+    if is_node:  # all is done: a late Ctrl-C of launch must not look like a death
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
+    return code
 
 
 if __name__ == "__main__":

@@ -260,11 +260,9 @@ def judge(plan: Plan, out: Path) -> list[str]:
         found = verify(next(bag for bag in bags if bag.exists()))
     except SparseCoordError as error:
         return [str(error)]
-    struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
     wrong += [] if found.difference is None else [f"verify: {found.difference}"]
-    # Fast DDS may leave a process deaf that stood still for more than a second.
-    if not struck & {KILL, STOP}:
-        wrong += [] if found.undecided is None else [f"undecided: {found.undecided}"]
+    wrong += [] if found.undecided is None else [f"undecided: {found.undecided}"]
+    struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
     whole = not struck & {KILL, STOP} and found.difference is None
     return wrong + odd_counts(out, found if whole else None)
 

@@ -16,12 +16,18 @@ from typing import Any
 
 import launch.actions as actions
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch.events.process import ProcessExited
 from launch.launch_context import LaunchContext
 from launch.launch_description import LaunchDescription
 from launch.logging import get_logger
 from launch_ros.actions import Node
 
-from sparse_coord_ros.base.errors import RunError, SettingError, did_you_mean
+from sparse_coord_ros.base.errors import (
+    EXIT_BAD_INPUT,
+    RunError,
+    SettingError,
+    did_you_mean,
+)
 from sparse_coord_ros.base.files import read_text
 from sparse_coord_ros.base.share import PACKAGE
 from sparse_coord_ros.base.yaml_text import parse_yaml
@@ -264,14 +270,15 @@ class LaunchedTeam:
     def _at_end(self, executable: str) -> dict[str, Any]:
         """Return what happens when a node ends.
 
-        If the launch is the team's own, it ends with the world, and starts all others again.
-        Another launch file decides that for itself.
+        If the launch is the team's own, it ends with the world, and with a node that has refused
+        its input; it starts all others again. Another launch file decides that for itself.
         """
         if not self._own:
             return {}
         if executable == WORLD:
-            return {"on_exit": actions.Shutdown(reason="the world has ended")}
-        return {"respawn": True, "respawn_delay": RESPAWN_SECONDS}
+            return {"on_exit": _end_with_world}
+        again = {"respawn": True, "respawn_delay": RESPAWN_SECONDS}
+        return {**again, "on_exit": _end_after_refusal}
 
     def add_views(self) -> None:
         """Add RViz, and write Foxglove's layout, if the arguments request them.
@@ -310,6 +317,30 @@ class LaunchedTeam:
             ],
         )
         self.actions.append(view)
+
+
+def _end_with_world(event: ProcessExited, context: LaunchContext) -> actions.Shutdown:
+    """End the launch, as the world has ended."""
+    _fail_after_failure(event, context)
+    return actions.Shutdown(reason="the world has ended")
+
+
+def _end_after_refusal(event: ProcessExited, context: LaunchContext) -> None:
+    """End the launch, if a node has refused its input: it would do so again."""
+    if event.returncode == EXIT_BAD_INPUT:
+        _fail_after_failure(event, context)
+
+
+def _fail_after_failure(event: ProcessExited, context: LaunchContext) -> None:
+    """Let the launch end with exit code 1, if a node has failed.
+
+    Raises:
+        RunError: it has. `ros2 launch` returns 1 after an exception, and 0 otherwise.
+    """
+    if event.returncode and not context.is_shutdown:
+        raise RunError(
+            f"{event.process_name} has ended with exit code {event.returncode}"
+        )
 
 
 def typed(table: Mapping[str, Setting], given: Mapping[str, str]) -> dict[str, Any]:

@@ -125,14 +125,14 @@ def test_before_the_second_checkpoint_a_run_can_begin_anew():
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
-def attempts(steps, **said):
+def attempts(steps, checkpoint=0, **said):
     """Return the attempts of a world with checkpoints; the nodes have said theirs."""
     side = SimpleNamespace(go_on_from=lambda state: None)
     forgotten = []
     store = SimpleNamespace(
         steps=lambda: steps, load=lambda step: None, forget_after=forgotten.append
     )
-    made = WorldAttempts(side, store, list(said))
+    made = WorldAttempts(side, store, list(said), checkpoint)
     for node, checkpoints in said.items():
         made.said[node] = Progress(checkpoints)
     return made, forgotten
@@ -146,12 +146,14 @@ def attempts(steps, **said):
         ([40, 0], {"robot_1": (0,), "robot_2": (40, 0)}, 0),
         ([80, 40, 0], {"robot_1": (), "robot_2": (80, 40, 0)}, 80),
         ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: (40, 0)}, 40),
-        ([120, 80, 40, 0], {"robot_1": (120, 80, 40, 0), RECORDER: (0,)}, 120),
+        ([120, 80, 40, 0], {"robot_1": (120, 80, 40, 0), RECORDER: (0,)}, 0),
+        ([9000, 6000, 3000, 0], {"robot_1": (9000, 6000, 3000), RECORDER: (0,)}, 9000),
         ([80, 40, 0], {"robot_1": (80, 40, 0), RECORDER: ()}, 80),
     ],
     ids=[
         *("all", "one died while it saved", "the first one is missing"),
-        *("one learns nothing", "a recorder lags", "a recorder comes late"),
+        *("one learns nothing", "a recorder lags", "a recorder lags far"),
+        "the world has gone on without a recorder",
         "a new recorder",
     ],
 )
@@ -177,6 +179,14 @@ def test_the_world_may_go_only_so_far_before_the_recorder_has_written():
     made.hear(RECORDER, Progress((0,), attempt, written=30))
     made.begin()
     assert made.limit == math.inf
+
+
+def test_the_world_goes_only_so_many_checkpoints_before_a_recorder():
+    """It would miss tables: publishers keep the last ten."""
+    made, _ = attempts([0], checkpoint=25, robot_1=(0,))
+    made.begin()
+    made.hear(RECORDER, Progress((0,), made.order.attempt, written=30))
+    assert made.limit == 30 + 5 * 25
 
 
 def test_nothing_is_thrown_away_for_a_robot_that_keeps_no_checkpoints():

@@ -14,6 +14,16 @@ from sparse_coord_ros.ros.nodes.environment import PROFILES, PROFILES_3
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 CHECKOUT = Path(__file__).parents[2]
+OF_JAZZY = (
+    PROFILES,
+    PROFILES_3,
+    "PYTHONPATH",
+    "LD_LIBRARY_PATH",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+)
+"""Variables by which the tests' own ROS 2 finds its libraries. With the last one the wheels of
+Kilted would not set theirs."""
+
 WHEELS = ("ros-kilted-rclpy[fastrtps]", "ros-kilted-common-interfaces")
 
 
@@ -26,8 +36,9 @@ def kilted(tmp_path_factory):
     python = folder / "bin" / "python"
     pip = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
     subprocess.run([*pip, *WHEELS, *needed], check=True)
-    others = (PROFILES, PROFILES_3, "PYTHONPATH")
-    environment = {name: os.environ[name] for name in os.environ if name not in others}
+    environment = {
+        name: os.environ[name] for name in os.environ if name not in OF_JAZZY
+    }
     environment["PYTHONPATH"] = str(CHECKOUT)
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 

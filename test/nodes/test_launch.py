@@ -22,9 +22,11 @@ from sparse_coord_ros.core.game.plugins import allowed
 FOLDER = Path(__file__).parents[2] / "launch"
 NAMES = {
     "launch": [],
+    "launch.events": [],
     "launch.actions": [
         *("DeclareLaunchArgument", "OpaqueFunction", "Shutdown"),
     ],
+    "launch.events.process": ["ProcessExited"],
     "launch.launch_context": ["LaunchContext"],
     "launch.launch_description": ["LaunchDescription"],
     "launch.logging": [],
@@ -100,10 +102,9 @@ def values(node):
 def test_a_world_robots_and_a_recorder(nodes, tmp_path):
     found = nodes(scenario="env1", out=str(tmp_path / "run"))
     assert executables(found) == ["world_simulator", "robot", "robot", "recorder"]
-    assert values(found[0]) == {
-        **{"use_sim_time": False, "out": str(tmp_path / "run")},
-        **{"scenario": "env1", "recorded": True, "clock": "none"},
-    }
+    world = values(found[0])
+    assert (world["scenario"], world["recorded"]) == ("env1", True)
+    assert world["out"] == str(tmp_path / "run")
     assert values(found[3])["out"] == str(tmp_path / "run" / "bag")
     assert len(nodes(out=str(tmp_path / "run"), record="false")) == 3
 
@@ -410,5 +411,19 @@ def test_a_launch_of_its_own_ends_with_the_world_and_starts_the_others_again(
         sys, "argv", ["ros2", "launch", "sparse_coord_ros", "team.launch.py"]
     )
     [world, *others] = nodes(out=out)
-    assert type(world["on_exit"]).__name__ == "Shutdown" and "respawn" not in world
-    assert all(one["respawn"] and "on_exit" not in one for one in others)
+    assert "respawn" not in world and all(one["respawn"] for one in others)
+    running = SimpleNamespace(is_shutdown=False)
+
+    def ends(node, code):
+        ended = SimpleNamespace(process_name="node-1", returncode=code)
+        return type(node["on_exit"](ended, running)).__name__
+
+    assert ends(world, 0) == "Shutdown"
+    for robot in others:
+        assert ends(robot, 0) == ends(robot, 1) == ends(robot, -9) == "NoneType"
+    # `ros2 launch` ends with exit code 1 after an exception
+    for node, code in ((world, 1), (world, 2), *((robot, 2) for robot in others)):
+        with pytest.raises(RunError, match=f"node-1 has ended with exit code {code}"):
+            ends(node, code)
+    running.is_shutdown = True
+    assert ends(world, 2) == "Shutdown" and ends(others[0], 2) == "NoneType"

@@ -5,6 +5,7 @@
 from dataclasses import replace
 
 import pytest
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.core.game.actions import COORDINATE
@@ -124,6 +125,8 @@ def test_who_goes_back_listens_anew(begun, peers_seen):
     [after] = listening(node)
     assert node.joined and after is not before
     assert not set(peers) & set(listening(node, PEERS_STATES))
+    before.callback(serialize_message(cell_pose(messages_of(node.run), 2, 3)))
+    assert node.lockstep.newest[0] == 0, "a late message of the time before"
     node.hear(STATES, state)
     assert node.lockstep.newest == (1, 3)
 

@@ -19,14 +19,17 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
 )
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.protocol.wire import RECORDER
+from sparse_coord_ros.protocol.wire import RECORDER, TABLES_DEPTH
 from sparse_coord_ros.protocol.wire.status import LEFT, NO_ATTEMPT, Order, Progress
 
 MOST_BEHIND = 2000
 """The world waits for a recorder that has written so many time steps less than it has made."""
 
+CHECKPOINTS_BEHIND = TABLES_DEPTH // 2
+"""It also waits for one that is so many checkpoints behind: publishers keep twice as many."""
+
 KEPT_COMMON = 3
-"""Number of the newest common checkpoints that all nodes keep, until a recorder has come back."""
+"""Number of the newest common checkpoints that all nodes keep."""
 
 
 class WorldAttempts:
@@ -36,6 +39,7 @@ class WorldAttempts:
         side: the world's side of the lock step.
         store: its checkpoints.
         nodes: the nodes that begin together: the robots and, if it is awaited, the recorder.
+        checkpoint: time steps between two checkpoints; 0: there are none.
 
     Attributes:
         order: the last order.
@@ -44,7 +48,11 @@ class WorldAttempts:
     """
 
     def __init__(
-        self, side: WorldSide, store: CheckpointStore, nodes: Sequence[str]
+        self,
+        side: WorldSide,
+        store: CheckpointStore,
+        nodes: Sequence[str],
+        checkpoint: int = 0,
     ) -> None:
         self.order = Order()
         self.said: dict[str, Progress] = {}
@@ -52,6 +60,7 @@ class WorldAttempts:
         self._side = side
         self._store = store
         self._nodes = nodes
+        self._checkpoint = checkpoint
 
     @property
     def silent(self) -> list[str]:
@@ -72,9 +81,15 @@ class WorldAttempts:
         """Note a node's report."""
         self.said[node] = said
         if node == RECORDER and said.attempt == self.order.attempt:
-            self.limit = (
-                math.inf if said.written == LEFT else said.written + MOST_BEHIND
-            )
+            self.limit = math.inf
+            if said.written != LEFT:
+                self.limit = said.written + self._most_behind
+
+    @property
+    def _most_behind(self) -> int:
+        """The number of time steps that a recorder may be behind."""
+        by_tables = CHECKPOINTS_BEHIND * self._checkpoint
+        return min(MOST_BEHIND, by_tables) if by_tables else MOST_BEHIND
 
     def do_without_recorder(self) -> None:
         """Wait no more for the recorder, until it reports again."""
@@ -83,13 +98,26 @@ class WorldAttempts:
     def common(self) -> list[int]:
         """Return the steps of the newest common checkpoints of world and robots, the newest first.
 
-        There are `KEPT_COMMON` at most, and one at least.
+        There are `KEPT_COMMON` at most, and one at least; more if a recorder is behind: they go
+        back to the newest checkpoint that its bag has, unless the world has gone on without it.
         """
-        steps = set(self._store.steps())
+        steps = {BEGINNING, *self._store.steps()}
         for node, said in self.said.items():
             if node != RECORDER and said.checkpoints:
-                steps &= set(said.checkpoints)
-        return sorted({*steps, BEGINNING}, reverse=True)[:KEPT_COMMON]
+                steps &= {BEGINNING, *said.checkpoints}
+        newest = max(steps)
+        recorder = self.said.get(RECORDER, Progress())
+        reach = newest - self._most_behind - self._checkpoint
+        recorded = [step for step in recorder.checkpoints if step in steps]
+        last = max(recorded, default=newest)
+        if last < reach:
+            last = newest
+        common = sorted(steps, reverse=True)
+        return [
+            step
+            for number, step in enumerate(common)
+            if number < KEPT_COMMON or step >= last
+        ]
 
     @property
     def oldest(self) -> int:

@@ -16,6 +16,7 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import Agent, Choice, Decision
 from sparse_coord_ros.core.learners.mind import Memory
 from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.lockstep.saving import saves
 from sparse_coord_ros.protocol.wire import COUNTS, PerceptEnd, SelfReport
 
 NO_STEP = 0
@@ -301,9 +302,7 @@ class RobotSide:
                 self._port.episode(step)
             self._handled = step
             self._cell = cell
-            every = self._checkpoint
-            in_steps = every > 0 and 0 <= before // every < step // every
-            if in_steps or 0 <= before < self.save_at <= step:
+            if saves(before, step, self._checkpoint, self.save_at):
                 self._port.checkpoint(step)
             if self._states:
                 continue  # the world has gone on

@@ -6,13 +6,13 @@ A time step is a barrier: the world advances when every robot has acted or misse
 """
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.core.game.world import Action, Position, Reward, World
 from sparse_coord_ros.core.runs.history import History, HistoryRecorder
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.protocol.lockstep.saving import saves
 from sparse_coord_ros.protocol.wire import StartReason
 
 
@@ -162,7 +162,7 @@ class WorldSide:
         self._actions[robot] = action
         self._acted += 1
         self._awaited.discard(robot)
-        return self.complete
+        return not self._awaited
 
     def advance(self) -> None:
         """Make the time step and publish its results."""
@@ -189,9 +189,14 @@ class WorldSide:
                     if all(self.world.arrived)
                     else StartReason.STEPS
                 )
-            elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
+            elif self.absent and self._nobody_is_left():
                 self._begin_episode(StartReason.NOBODY_LEFT)
-        self._save_where_due(step, reached, self.world.step)
+        self._save_where_due(step, reached)
+        self._save_where_due(reached, self.world.step)
+
+    def _nobody_is_left(self) -> bool:
+        """Return whether every robot has arrived or is absent."""
+        return all(self.world.arrived[k] or k in self.absent for k in self._robots)
 
     def _begin_step(self) -> None:
         """Drop the actions of the last time step, and the rewards that were published with it."""
@@ -254,10 +259,7 @@ class WorldSide:
         for k in self._robots:
             self._port.state(k, self.world.step, self.world.cells[k])
 
-    def _save_where_due(self, *steps: int) -> None:
-        """Save, if the robots also save at one of these published steps."""
-        every = self._checkpoint
-        for before, step in pairwise(steps):
-            in_steps = every > 0 and before // every < step // every
-            if in_steps or before < self.save_at <= step:
-                self._port.checkpoint(step)
+    def _save_where_due(self, before: int, step: int) -> None:
+        """Save at a published step, if it is one of the steps at which all save."""
+        if saves(before, step, self._checkpoint, self.save_at):
+            self._port.checkpoint(step)

@@ -37,7 +37,7 @@ class Delivery(StrEnum):
 
 
 TABLES_DEPTH = 10
-"""A recorder that lags further behind misses tables of checkpoints."""
+"""The world waits for a recorder before it is further behind: it misses no tables."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class Restart(WorldAttempts):
         changed: Callable[[], None],
     ) -> None:
         nodes = [*run.scenario.names, *[RECORDER] * run.recorded]
-        super().__init__(side, output.store, nodes)
+        super().__init__(side, output.store, nodes, run.checkpoint)
         self._output = output
         self._run = run
         self._changed = changed

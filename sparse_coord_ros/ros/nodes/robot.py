@@ -178,7 +178,7 @@ class RobotNode(Follower):
     def _begin_attempt(self, step: int) -> None:
         """Begin at a checkpoint; the world waits until all listen again."""
         for ear in self._ears:  # what they would still hear is of the attempt before
-            self.destroy_subscription(ear)
+            self.subscriber.leave(ear)
         self._ears.clear()
         for heard in self.shared_states.values():
             heard.pop(self._name, None)

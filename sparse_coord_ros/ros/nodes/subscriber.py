@@ -33,6 +33,7 @@ class Subscriber:
         self._node = node
         self._fail = fail
         self.dropped: Counter[str] = Counter()
+        self._left: set[Callable[[bytes], None]] = set()
 
     def listen(
         self,
@@ -84,6 +85,8 @@ class Subscriber:
         name = name or topic.of(owner)
 
         def take(data: bytes) -> None:
+            if take in self._left:
+                return
             try:
                 content = unpack(data)
             except Exception as error:  # errors of rclpy, struct, Unicode and others
@@ -96,6 +99,11 @@ class Subscriber:
 
         profile = topic.qos if qos is None else qos
         return self._node.create_subscription(topic.type, name, take, profile, raw=True)
+
+    def leave(self, subscription: Any) -> None:
+        """Destroy a subscription; messages that the executor still has for it are dropped."""
+        self._left.add(subscription.callback)
+        self._node.destroy_subscription(subscription)
 
     def drop(self, name: str, why: object, done: str = "message dropped") -> None:
         """Count an invalid message of a topic or service, and log the first one.

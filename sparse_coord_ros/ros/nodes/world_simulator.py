@@ -257,7 +257,7 @@ class WorldSimulator(ParameterNode):
 
     def _open(self) -> None:
         """Offer the services and publish the run."""
-        self.destroy_subscription(self._others)
+        self.subscriber.leave(self._others)
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
