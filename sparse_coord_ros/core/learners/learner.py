@@ -148,6 +148,10 @@ def _naming_itself(
     return naming
 
 
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer)
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, float | int | np.floating | np.integer)
 
@@ -161,14 +165,8 @@ def with_named_results(rule: type) -> Any:
     if is_shipped(rule):
         return rule
     results = {
-        "decide": (
-            f"an action, 0 to {len(ACTIONS) - 1}",
-            range(len(ACTIONS)).__contains__,
-        ),
-        "move_after_asking": (
-            f"a move, 0 to {PRIMITIVES - 1}",
-            range(PRIMITIVES).__contains__,
-        ),
+        "decide": (f"an action, 0 to {len(ACTIONS) - 1}", _is_whole),
+        "move_after_asking": (f"a move, 0 to {PRIMITIVES - 1}", _is_whole),
         "bootstrap": ("a number", _is_number),
     }
     hooks = {name: getattr(rule, name) for name in OF_THE_LOOP}
