@@ -1,6 +1,15 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a ROS domain of their own, and nothing left behind."""
+"""What all tests share: a ROS domain of their own, and nothing left behind.
+
+To write a test, read this file. Then, where the test needs more:
+
+- a scenario from the rows of a map, tables with chosen values: `drawn` and `tables_from_values` in
+  teams.py (the fixture `make` is `drawn`);
+- a recorded run: the fixture `record` here;
+- a verb in this process: cli/conftest.py; a process of its own: the fixture `python` here;
+- nodes: `Bench` in nodes/conftest.py, with an example in nodes/test_clocks.py.
+"""
 
 import os
 import shutil

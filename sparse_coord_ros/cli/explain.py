@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord explain`: each COORDINATE of a time step, from the question to the update."""
+"""`sparse_coord explain`: each COORDINATE of a learning step, from the question to the update."""
 
 import argparse
 from collections.abc import Sequence
@@ -14,8 +14,7 @@ STEP = Setting(
     "step",
     int,
     0,
-    "time step (a run has more of them than steps); if no robot asks there, the next one with a "
-    "question",
+    "learning step, as on the page; if no robot asks there, the next one with a question",
     low=0,
     high=2**53,
 )
@@ -38,7 +37,7 @@ def execute(options: argparse.Namespace) -> None:
         _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
-    step = next((t for t in steps if t >= options.step), None)
+    step = next((t for t in steps if log.made_before(t) >= options.step), None)
     found = []
     interactions = []
     if step is not None:
@@ -46,40 +45,38 @@ def execute(options: argparse.Namespace) -> None:
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
     lines = [] if log.damage is None else [log.damage]
-    lines += _which_step(options.robot or "all robots", options.step, step, steps)
+    made = [log.made_before(t) for t in steps]
+    lines += _which_step(options.robot or "all robots", options.step, made)
     for one in found:
         lines += in_words(log, one)
-    lines += [
-        f"at the end of time step {step}: {sentence}" for sentence in interactions
+    at = None if step is None else log.made_before(step)
+    lines += [f"at the end of step {at}: {sentence}" for sentence in interactions]
+    facts = [
+        {**one._asdict(), "robot": log.names[one.robot], "step": at} for one in found
     ]
-    facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
     document = {
         "wanted": options.step,
-        "step": step,
+        "step": at,
         "coordinations": facts,
         "interactions": interactions,
     }
     tell(options, document, *lines)
 
 
-def _which_step(
-    who: str, wanted: int, step: int | None, steps: Sequence[int]
-) -> list[str]:
+def _which_step(who: str, wanted: int, steps: Sequence[int]) -> list[str]:
     """Return a line if another step than the wanted one is explained, or none.
 
     Args:
         who: the robots, in words.
-        wanted: the wanted time step.
-        step: the explained one; None: there is no question from the wanted one on.
-        steps: all time steps with a question, ascending.
+        wanted: the wanted step.
+        steps: all steps with a question, ascending.
     """
+    step = next((one for one in steps if one >= wanted), None)
     if step is None:
         last = max(steps, default="none")
-        return [f"{who}: no question from time step {wanted} on; the last: {last}"]
+        return [f"{who}: no question from step {wanted} on; the last: {last}"]
     if wanted not in (0, step):
-        return [
-            f"{who}: no question at time step {wanted}; the next is at time step {step}"
-        ]
+        return [f"{who}: no question at step {wanted}; the next is at step {step}"]
     return []
 
 

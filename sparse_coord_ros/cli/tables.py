@@ -13,7 +13,7 @@ from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output
 from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
 
-STEP = Setting("step", int, 0, "time step", low=0)
+STEP = Setting("step", int, 0, "learning step", low=0)
 
 EXAMPLE = (
     "sparse_coord tables runs/demo/bag\n"
@@ -26,8 +26,7 @@ OPTIONS = (
     Option(
         "--step N",
         STEP,
-        "time step of the checkpoint; a run has more time steps than steps (default: list the "
-        "checkpoints)",
+        "learning step of the checkpoint (default: list the checkpoints)",
         {"default": None},
     ),
     Option("--out DIR", Path, "output directory"),
@@ -45,18 +44,22 @@ def execute(options: argparse.Namespace) -> None:
         )
     log = read_run(options.bag)
     common = sorted(set.intersection(*map(set, log.table_steps())))
-    said: dict[str, Any] = {"bag": options.bag, "steps": common, "damage": log.damage}
-    there = ", ".join(map(str, common)) or "none"
-    lines = [f"time steps with tables of all robots: {there}"]
+    time_steps = {log.made_before(step): step for step in common}
+    said: dict[str, Any] = {"bag": options.bag, "steps": list(time_steps)}
+    said["damage"] = log.damage
+    there = ", ".join(map(str, time_steps)) or "none"
+    lines = [f"steps with tables of all robots: {there}"]
     if options.out is not None:
         step = options.step
-        if step not in common:
+        if step not in time_steps:
             raise RunError(
-                f"{options.bag}: holds no tables of all robots of time step {step}; there are "
+                f"{options.bag}: holds no tables of all robots of step {step}; there are "
                 f"those of: {there}"
             )
         out = create_output(options.out)
-        save_team(out, [log.tables[k, step].memory for k in range(len(log.names))])
+        save_team(
+            out, [log.tables[k, time_steps[step]].memory for k in range(len(log.names))]
+        )
         write_whole(out / RUN_FILE, log.run.to_yaml())
         said |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]

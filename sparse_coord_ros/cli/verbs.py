@@ -31,7 +31,7 @@ GROUPS: Mapping[str, Mapping[str, str]] = {
     "bags": {
         "info": "show what a bag contains and whether it is complete",
         "verify": "recompute a recorded run from its seed and log, and compare",
-        "explain": "explain the questions of a time step: answer, choice, update",
+        "explain": "explain the questions of a step: answer, choice, update",
         "replay": "play a recorded run back over ROS 2",
         "tables": "extract the tables of a checkpoint from a bag",
     },

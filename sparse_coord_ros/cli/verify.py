@@ -26,11 +26,12 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0: identical, 1: differs, 3: undecided."""
     from sparse_coord_ros.log.runlog import verify
 
-    with Bar("time steps", "reading the bag", quiet=options.json) as bar:
+    with Bar("steps", "reading the bag", quiet=options.json) as bar:
         found = verify(options.bag, bar.show)
     log = found.log
     facts = {name: value for name, value in vars(found).items() if name != "log"}
     facts["bag"] = log.path
+    facts["step"] = found.first and log.made_before(found.first.step)
     facts["identical"] = found.same
     facts["segments"] = log.segments
     facts["damage"] = log.damage
@@ -61,7 +62,7 @@ def _account(found) -> Iterator[str]:
         yield "the robots have bodies: the result of each move is taken from the log"
     for number, (file, step) in enumerate(zip(log.files, log.segments, strict=True)):
         if number and step:
-            yield f"{file}: goes on from the checkpoint of time step {step}"
+            yield f"{file}: goes on from the checkpoint of step {log.made_before(step)}"
 
 
 def _answer(found) -> Iterator[str]:
@@ -69,7 +70,9 @@ def _answer(found) -> Iterator[str]:
     if found.same:
         yield "identical: every state, reward, percept, action and table agrees"
         yield f"not compared: {NOT_COMPARED}"
-    elif found.difference is not None:
-        yield f"differs: {found.difference}"
+        return
+    step = found.log.made_before(found.first.step)
+    if found.difference is not None:
+        yield f"differs at step {step}: {found.difference}"
     else:
-        yield f"undecided {found.undecided}"
+        yield f"undecided from step {step} on: {found.undecided.why}"

@@ -19,7 +19,7 @@ RATE = Setting(
     low=0.001,
     high=1e6,
 )
-STEP = Setting("step", int, 0, "start a bag at this time step", low=0, high=2**53)
+STEP = Setting("step", int, 0, "start a bag at this step", low=0, high=2**53)
 
 EXAMPLE = "sparse_coord watch runs/demo\n  sparse_coord watch runs/demo runs/demo_voi"
 
@@ -35,7 +35,7 @@ OPTIONS = (
     Option(
         "--step N",
         STEP,
-        "start a bag at this time step (default: at the end, with what was learned)",
+        "start a bag at this learning step (default: at the end, with what was learned)",
         {"default": None},
     ),
     ALLOW,

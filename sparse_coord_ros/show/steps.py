@@ -18,8 +18,7 @@ from sparse_coord_ros.core.game.interactions import (
     stops,
     together,
 )
-from sparse_coord_ros.core.game.rules import EPISODE_GAP
-from sparse_coord_ros.core.game.world import FIRST_STEP, Action, Reward
+from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.log.runlog.log import NONE, RunLog
@@ -74,14 +73,6 @@ def questions_of(seen: TeamTransition) -> tuple[Question, ...]:
             end = PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
         questions.append(Question(k, peers, PerceptEnd(end), action.move))
     return tuple(questions)
-
-
-def learning_steps(step: int, episode: int) -> int:
-    """Return the learning steps that were made before a time step of an episode, from 0.
-
-    A run has more time steps: those between two episodes.
-    """
-    return step - FIRST_STEP - EPISODE_GAP * episode
 
 
 def logged_step(log: RunLog, row: int) -> TeamTransition:

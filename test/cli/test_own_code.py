@@ -20,8 +20,6 @@ import sparse_coord_ros as sc
 coop_learn = sc.Coop.learn
 
 class Eager(sc.Coop):
-    title = "Team player"
-
     def weights(self, scenario):
         return sc.RewardWeights(1, len(scenario.robots), 1)
 
@@ -82,18 +80,28 @@ LEARNER = "my_code:Eager"
 
 
 @pytest.fixture(scope="module")
-def runs(place, verb):
-    """Return the directories of runs: without ROS, live, and live in processes."""
-    out = ["train", "live", "processes"]
+def runs(place):
+    """Return the directories of runs: without ROS, and live."""
+    out = ["train", "live"]
     how = ("env1", "--learner", LEARNER, *SETTINGS, "--out")
     with chdir(place):
         assert main(["train", *how, out[0], "--trials", "0"]) == 0
         assert main(["run", *how, out[1]]) == 0
-    verb("run", *how, out[2], "--processes")
     return [place / directory for directory in out]
 
 
+@pytest.mark.long
+def test_each_node_in_its_own_process_learns_the_same(place, runs, verb):
+    verb("run", "env1", "--learner", LEARNER, *SETTINGS, "--out", "far", "--processes")
+    assert_equal([runs[0], place / "far"])
+
+
 def test_all_ways_of_running_learn_the_same(runs):
+    assert_equal(runs)
+
+
+def assert_equal(runs):
+    """Check that runs have learned the same, by the user's code."""
     saved = [load_saved(directory / "tables.npz", [1, 2]) for directory in runs]
     for team in saved[1:]:
         for one, other in zip(saved[0], team, strict=True):
@@ -105,7 +113,7 @@ def test_all_ways_of_running_learn_the_same(runs):
 
 
 def test_it_is_evaluated_verified_and_explained(runs, here):
-    trained, live, _ = runs
+    trained, live = runs
     data = json.loads(here("evaluate", trained, "--trials", 3, "--json"))
     assert data["learner"] == LEARNER
     assert json.loads(here("verify", live, "--json"))["identical"] is True
@@ -152,6 +160,8 @@ def test_where_it_fails_one_line_says_so(here, place):
             "env1/my_code:Broken/penalty=-20",
             "--runs",
             2,
+            "--engine",
+            "python",
             "--out",
             "broken_r",
         ),

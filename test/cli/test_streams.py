@@ -27,9 +27,12 @@ def shell(text, folder, **env):
     )
 
 
-@pytest.mark.parametrize(
-    "where", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full", ">&- 2>/dev/full"]
-)
+OTHER_STREAMS = (">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full")
+STREAMS = ["2>&-", ">&- 2>/dev/full"]
+STREAMS += [pytest.param(one, marks=pytest.mark.long) for one in OTHER_STREAMS]
+
+
+@pytest.mark.parametrize("where", STREAMS)
 def test_notes_that_nobody_can_read_end_no_work(tmp_path, where):
     done = shell(f"TRAIN {where}", tmp_path)
     assert done.returncode == 0
@@ -54,7 +57,9 @@ ASCII = (
 )
 
 
-@pytest.mark.parametrize("env", ASCII)
+@pytest.mark.parametrize(
+    "env", [ASCII[0], pytest.param(ASCII[1], marks=pytest.mark.long)]
+)
 def test_signs_that_a_terminal_lacks_are_written_in_ascii(tmp_path, env):
     shell("TRAIN", tmp_path)
     done = shell("VERB evaluate run --trials 20", tmp_path, **env)

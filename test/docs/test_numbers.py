@@ -87,6 +87,32 @@ def test_learned_numbers_are_those_of_the_file(page, name, table):
     assert compared
 
 
+def test_readme_shows_rows_of_the_leaderboard():
+    readme = (ROOT / "README.md").read_text("utf-8")
+    entries = (TABLES / "unseen2-pairs.md").read_text("utf-8")
+    shown = re.findall(r"^\| (.*) \| (\S+ % .*) \| (.*) \|$", readme, re.MULTILINE)
+    assert len(shown) == 4
+    for entry, share, failed in shown:
+        entry = entry.removesuffix(", tuned")
+        assert f"| {entry} | when_asked | {share} | {failed} |" in entries
+    known = (TABLES / "known_map.md").read_text("utf-8")
+    (failed,) = re.findall(r"`voi` \| 2,000 \| [^|]* \| ([^|]*) \|", known)
+    assert failed in " ".join(readme.split())
+    four = (TABLES / "unseen2-four.md").read_text("utf-8")
+    for learner in ("voi", "coop"):
+        (share,) = re.findall(rf"^\| {learner} \| \w+ \| (\S+ %)", four, re.MULTILINE)
+        assert share in readme
+
+
+@pytest.mark.parametrize("name", ["learners.md", "leaderboard.md", "when.md"])
+def test_shares_in_sentences_are_those_of_a_table(name):
+    tables = "\n".join(file.read_text("utf-8") for file in TABLES.glob("*.md"))
+    page = (ROOT / "docs" / name).read_text("utf-8")
+    shares = re.findall(r"-?[\d.]+ % \([\d.]+\)(?:, \d+ of \d+)?", page)
+    assert shares
+    assert [one for one in shares if one.replace(", ", " | ") not in tables] == []
+
+
 LEARNERS_PAGE = (ROOT / "docs/learners.md").read_text("utf-8")
 
 

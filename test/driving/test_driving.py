@@ -98,6 +98,19 @@ def test_cells_of_places_on_and_off_the_grid(metric_map):
     assert metric_map.blocked(0.1, 4.5) and metric_map.blocked(-5.0, 0.0)
 
 
+@pytest.mark.parametrize("side", [0.5, 1.0, 2.5])
+def test_a_body_touches_the_wall_beside_it_at_its_radius(side):
+    grid = replace(RUN.scenario.map, resolution=side, radius=0.2 * side)
+    found = MetricMap(make_run(replace(RUN.scenario, map=grid), {}))
+    north = 4.5 * side
+    for wall, toward in ((2 * side, -1), (0.0, 1)):  # east, and the end of the map
+        for away, touches in ((0.19, True), (0.21, False)):
+            x = wall + toward * away * side
+            assert found.blocked(x, north) == touches, (wall, away)
+    assert found.blocked(side, 5.0 * side - 0.19 * side)
+    assert not found.blocked(side, 5.0 * side - 0.21 * side)
+
+
 @pytest.mark.parametrize("yaw", np.linspace(-3.1, 3.1, 9))
 def test_steering_comes_to_any_place_in_time(yaw):
     simulator = BodySimulator(MetricMap(RUN), 1, 1, SURE)

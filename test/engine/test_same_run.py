@@ -307,7 +307,7 @@ SOME = {
 """Ways that are the same for all learners: cases that tell them apart."""
 
 
-LARGE = ("sixteen",)
+LARGE = ("sixteen", "voi, sight", "cq, sight", "indiv, sight")
 """Cases that take seconds."""
 
 

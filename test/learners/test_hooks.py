@@ -187,9 +187,7 @@ needs_numba = pytest.mark.skipif(not has_numba(), reason="numba is not installed
 
 BESIDE = [(Strange, NO_ACTION), (Stray, NO_ACTION), (Beside, "IndexError: ind")]
 COMPILED = [
-    pytest.param(*BESIDE[0], "numba", marks=[needs_numba, pytest.mark.long]),
-    pytest.param(*BESIDE[1], "numba", marks=[needs_numba, pytest.mark.long]),
-    pytest.param(*BESIDE[2], "numba", marks=needs_numba),
+    pytest.param(*one, "numba", marks=[needs_numba, pytest.mark.long]) for one in BESIDE
 ]
 
 

@@ -445,6 +445,16 @@ def test_a_move_that_leads_home_is_not_counted_as_arrivals_are_not():
     assert counted(one, before) == ([0, 0, 0, 1], [0] * 4)
 
 
+def test_an_arrival_is_no_step_of_a_peer_that_does_not_answer():
+    one = agent(perception="probability:0.5")
+    before = one.goal - 1
+    step(one, 1, before, EAST, one.goal, None)
+    counts = one.memory()["peer_updates"].sum(axis=0)
+    assert counts.tolist() == [0, 0, 1, 0]
+    key = voi.step_of(one.task, before, 1, NOT_PERCEIVED, NOT_PERCEIVED)
+    assert key not in one.memory()["peer_keys"]
+
+
 def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
     one = agent(goal_value=100)
     set_moves(one, X, east=(5, 4, Y), west=(5, 4, one.goal))
@@ -819,7 +829,7 @@ def test_keys_of_cells_and_peers_are_different():
     mind = agent(THREE).mind
     for table in (mind.rho, mind.rho0, mind.given, mind.felt):
         assert table.most == len(keys)
-    assert mind.peer.most == len(keys) * (task.cells + 1)
+    assert mind.peer.most == len(keys) * (task.cells + 2)
 
 
 def test_several_peers_are_asked_at_once():

@@ -84,24 +84,6 @@ def test_lines_of_runs_have_no_robot_s_colour(trained, bag):
         assert bool(colours & set(ROBOT_COLOURS)) == robots
 
 
-def test_the_panels_fill_the_canvas(trained):
-    runs = [open_run(trained)]
-    for whats in (
-        figures.available(runs[0]),
-        ["policy"],
-        ["curves"],
-    ):
-        figure = figures.runs_figure(runs, whats)
-        figure.canvas.draw()
-        width, height = figure.get_size_inches()
-        assert width >= figures.LEAST_FIGURE_WIDTH
-        for part in figure.subfigs:
-            boxes = [axes.get_position() for axes in part.axes if axes.axison]
-            left = min(box.x0 for box in boxes)
-            right = 1.0 - max(box.x1 for box in boxes)
-            assert left < 0.25 and right < 0.25, (whats, left, right)
-
-
 SHAPES = {
     "wide": ("voi", [".....#.....", ".....D.....", ".....#....."]),
     "very wide": ("coop", ["." * 20 + sign + "." * 19 for sign in "#D#"]),

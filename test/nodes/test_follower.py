@@ -4,6 +4,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from std_msgs.msg import String
@@ -47,6 +48,23 @@ def say(node, *said):
     """Send the world's status to a node."""
     status_of = RunStatus(*said)
     node.hear("status", status("env1", status_of.state, status_of.values()))
+
+
+def test_a_hint_comes_when_there_is_no_world_for_a_time(own_domain, monkeypatch):
+    with ros_context() as context:
+        node = puppet(Follower)(
+            "robot_1", PARAMETERS["robot"], context=context, values={}
+        )
+        said = []
+        logger = SimpleNamespace(info=said.append)
+        monkeypatch.setattr(node, "get_logger", lambda: logger)
+        node.tick()
+        assert not any("so far" in line for line in said)
+        node.born -= module.ALONE_SECONDS
+        node.tick()
+        node.tick()
+        assert sum("no world simulator on /run" in line for line in said) == 1
+        node.destroy_node()
 
 
 def test_it_stays_with_its_run_when_another_one_is_announced(node):

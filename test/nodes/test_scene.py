@@ -4,6 +4,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from types import ModuleType
 from types import SimpleNamespace as Anything
 
@@ -49,6 +50,17 @@ def test_names_hang_over_the_robots(scene):
         assert one.pose.position.x == x and y < one.pose.position.y < y + 0.5
     stamps = {(m.header.frame_id, m.header.stamp.sec) for m in found.values()}
     assert stamps == {("map", 1)}
+
+
+def test_marks_grow_with_the_cells():
+    sizes = []
+    for side in (1.0, 3.0):
+        scenario = load_scenario("env1")
+        grid = replace(scenario.map, resolution=side)
+        messages = messages_of(make_run(replace(scenario, map=grid), {}))
+        found = markers(Anything(messages=messages), [0, 11])
+        sizes.append([(one.ns, one.scale.z / side) for one in found.values()])
+    assert sizes[0] == [(name, pytest.approx(size)) for name, size in sizes[1]]
 
 
 @pytest.mark.parametrize(

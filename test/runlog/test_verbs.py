@@ -80,8 +80,8 @@ def test_verify_identical(sparse_coord, good):
 def test_verify_differs(sparse_coord, changed):
     code, out, err = sparse_coord("verify", changed)
     assert (code, err) == (1, "")
-    (line,) = [line for line in out.splitlines() if line.startswith("differs: ")]
-    assert line.startswith("differs: time step 1, robot_1, reward: logged ")
+    (line,) = [line for line in out.splitlines() if line.startswith("differs ")]
+    assert line.startswith("differs at step 0: time step 1, robot_1, reward: logged ")
     assert ", computed " in line
     assert "identical" not in out
     code, out, _ = sparse_coord("verify", changed, "--json")
@@ -112,7 +112,7 @@ def test_damage_is_said(sparse_coord, record, tmp_path):
     code, out, _ = sparse_coord("verify", tmp_path / "bad_0.mcap")
     assert code == 3
     assert "damaged at byte " in out and "differs" not in out
-    assert "pymcap-cli recover" in out and "\nundecided from time step " in out
+    assert "pymcap-cli recover" in out and "\nundecided from step " in out
     code, out, _ = sparse_coord("info", tmp_path / "bad_0.mcap")
     assert code == 0
     assert "damaged at byte " in out and "; read to message " in out
@@ -144,21 +144,22 @@ def test_explain_tells_question_percept_and_move(sparse_coord, good):
     perceived = log.step[log.perceived[:, 1]]
     step = int(perceived[len(perceived) // 2])
     row = int((log.step == step).argmax())
+    made = log.made_before(step)
     code, out, err = sparse_coord(
-        "explain", good.bag, "--step", step, "--robot", "robot_2"
+        "explain", good.bag, "--step", made, "--robot", "robot_2"
     )
     assert (code, err) == (0, "")
     own = log.cells[row, 1]
     peer = log.cells[row, 0]
     lines = out.splitlines()
-    assert lines[0].startswith(f"time step {step}: robot_2 in cell {own} [")
+    assert lines[0].startswith(f"step {made}: robot_2 in cell {own} [")
     asks = lines.index("  asks robot_1")
     assert lines[asks + 1].startswith(f"  perceives cell {peer} [")
     move = ("north", "south", "east", "west")[log.move[row, 1]]
     assert lines[asks + 2].startswith(f"  goes {move} by Q^C[{own}, {peer}]: north ")
     told = json.loads(
         sparse_coord(
-            "explain", good.bag, "--step", step, "--robot", "robot_2", "--json"
+            "explain", good.bag, "--step", made, "--robot", "robot_2", "--json"
         )[1]
     )
     (one,) = told["coordinations"]
@@ -183,15 +184,15 @@ def test_explain_names_the_table_entries_as_they_become(good):
 
 def test_explain_finds_the_next_one(sparse_coord, good):
     log = read_run(good.bag)
-    steps = log.step[log.asked.any(axis=1)].tolist()
-    calm = next(t for t in log.step.tolist() if t > steps[3] and t not in steps)
+    steps = [log.made_before(t) for t in log.step[log.asked.any(axis=1)]]
+    calm = next(n for n in range(steps[3], steps[-1]) if n not in steps)
     following = min(t for t in steps if t > calm)
     out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
     assert (
         out[0]
-        == f"all robots: no question at time step {calm}; the next is at time step {following}"
+        == f"all robots: no question at step {calm}; the next is at step {following}"
     )
-    assert out[1].startswith(f"time step {following}: ")
+    assert out[1].startswith(f"step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
     assert code == 0 and f"the last: {steps[-1]}" in out
 
@@ -222,7 +223,8 @@ def test_explain_says_how_robots_interact(sparse_coord, record):
             if not sentences or told == 3:
                 continue
             told += 1
-            out = sparse_coord("explain", bag, "--step", step)[1]
+            made = log.made_before(step)
+            out = sparse_coord("explain", bag, "--step", made)[1]
             for sentence in sentences:
-                assert f"at the end of time step {step}: {sentence}\n" in out
+                assert f"at the end of step {made}: {sentence}\n" in out
     assert told > 0

@@ -135,7 +135,7 @@ class Voi(Learner):
             rho0: rho0_j, likewise.
             given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
             peer: for x, j, z and z', how often b was made (`updates`), and the mean r^C of it when
-                it led out (`values`); for z' `NOT_PERCEIVED` when it led home.
+                it led out (`values`); when it led home for z' `task.cells`: see `step_of`.
             felt: for y, j and z', the mean r^C of steps that ended there (`values`, first column),
                 and the counts `ASKED`, `ANSWERED` and `ENDED` (`updates`).
             last: the last step: `STEP`, `CELL`, `MOVE`, `PARTNERS`, `COMMON`, `CELLS` [k, 5 + j].
@@ -213,7 +213,7 @@ class Voi(Learner):
             rho=table(places, nothing, team),
             rho0=table(places, nothing, team),
             given=table(places, nothing, team),
-            peer=table(places * (cells + 1), not_felt, 2 * team),
+            peer=table(places * (cells + 2), not_felt, 2 * team),
             felt=table(places, not_felt, 2 * team),
             last=np.full(CELLS + team, NO_STEP),
             stood=np.zeros(1 + team, dtype=np.int64),
@@ -342,8 +342,11 @@ def place(task: Task, x: int, j: int, z: int) -> int:
 
 @jitable
 def step_of(task: Task, x: int, j: int, z: int, z_next: int) -> int:
-    """Return the key of an own cell, a peer and its step from z to z'."""
-    return place(task, x, j, z) * (task.cells + 1) + z_next + 1
+    """Return the key of an own cell, a peer and its step from z to z'.
+
+    On arrival z' is not known: it then is `task.cells`, which is no cell.
+    """
+    return place(task, x, j, z) * (task.cells + 2) + z_next + 1
 
 
 # A robot alone.
@@ -524,7 +527,7 @@ def learn_from_arrival(mind: Any, task: Task, k: int, now: Transition) -> None:
     for j in range(task.robots):
         if j != k:
             z = int(now.cells[j])
-            row = met(mind.peer, task, k, step_of(task, now.cell, j, z, NOT_PERCEIVED))
+            row = met(mind.peer, task, k, step_of(task, now.cell, j, z, task.cells))
             mind.peer.updates[k, row, now.move] += 1
             alpha = step_size(task, int(mind.peer.updates[k, row, now.move]), now.step)
             common = common_with(mind, task, k, j)
@@ -655,7 +658,7 @@ def after_leaving(
     y = int(mind.to[k, x, b])
     if y == task.goals[k]:
         z = int(mind.last[k, CELLS + j])
-        arrival = find(mind.peer, k, step_of(task, x, j, z, NOT_PERCEIVED))
+        arrival = find(mind.peer, k, step_of(task, x, j, z, task.cells))
         r = mind.peer.values[k, arrival, b]
         return arrival_value(task) + (r if r != NOT_FELT else 0.0)
     r = mind.peer.values[k, peer, b]

@@ -372,7 +372,7 @@ def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str
 def in_words(log: RunLog, coordination: Coordination) -> Iterator[str]:
     """Yield the lines of a COORDINATE: question, answer, move, update."""
     choice = choice_in_words(log.run, coordination.robot, coordination.cell)
-    yield f"time step {coordination.step}: {choice}"
+    yield f"step {log.made_before(coordination.step)}: {choice}"
     if coordination.doubt is not None and coordination.reason is not None:
         yield f"  (the numbers may be wrong: {coordination.doubt}; see 'sparse_coord verify')"
     if coordination.reason is not None:

@@ -17,6 +17,7 @@ from sparse_coord_ros.core.game.interactions import (
     miscoordinations,
 )
 from sparse_coord_ros.core.game.rules import EPISODE_GAP
+from sparse_coord_ros.core.game.world import FIRST_STEP
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.run_config import RunConfig
@@ -29,6 +30,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NONE = -1
+
+
+def learning_steps(step: int, episode: int) -> int:
+    """Return the learning steps that were made before a time step of an episode, from 0.
+
+    A run has more time steps: those between two episodes.
+    """
+    return step - FIRST_STEP - EPISODE_GAP * episode
 
 
 class Series(NamedTuple):
@@ -139,6 +148,22 @@ class RunLog:
     def row_of(self) -> Mapping[int, int]:
         """The rows by time step."""
         return {step: row for row, step in enumerate(self.step.tolist())}
+
+    def made_before(self, step: int) -> int:
+        """Return the learning steps that were made before a time step."""
+        row = int(np.searchsorted(self.step, step, side="right")) - 1
+        if row < 0:
+            return max(0, learning_steps(step, 0))
+        return learning_steps(int(self.step[row]), int(self.episode[row]))
+
+    def time_step(self, made: int) -> int:
+        """Return the first time step before which so many learning steps were made.
+
+        It is the last time step if fewer were made.
+        """
+        steps = self.step - FIRST_STEP - EPISODE_GAP * self.episode
+        row = int(np.searchsorted(steps, made))
+        return int(self.step[min(row, len(steps) - 1)])
 
     @property
     def whole(self) -> bool:

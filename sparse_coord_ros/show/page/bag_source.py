@@ -46,6 +46,9 @@ FRAME_SECONDS = 1 / 30
 GROWTH_SECONDS = 0.5
 """Time between two checks whether the file has grown."""
 
+LOOKING = 10
+"""The pause after such a check, in times of what it took: it arranges the whole log anew."""
+
 FIRST_RATE = 10.0
 
 SHOWN_RATE = 2.0
@@ -81,7 +84,7 @@ class BagSource(controls.Played):
         path: a bag's directory or file, or a run's directory.
         board: where the messages go.
         rate: time steps a second; 0: as far as the log goes.
-        step: the time step to begin at; None: what was learned is shown.
+        step: the learning step to begin at; None: what was learned is shown.
 
     Attributes:
         log: the bag.
@@ -146,7 +149,7 @@ class BagSource(controls.Played):
             self._find_highlight()
             self._show_again()
         if step is not None:
-            self._go(step)
+            self._go(self.log.log.time_step(step))
 
     def _find_highlight(self) -> None:
         """Find the episode that shows what was learned, and say so."""
@@ -230,14 +233,20 @@ class BagSource(controls.Played):
     # In the thread of the source.
 
     def play(self) -> None:
-        """Play until interrupted."""
-        looked = time.monotonic()
+        """Play until interrupted; time stands still while no page is open."""
+        looks = time.monotonic()
+        self.tick()
         with self.reading():
             while True:
-                if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
-                    looked = time.monotonic()
+                if self.growing and time.monotonic() >= looks:
+                    begun = time.monotonic()
                     self.look()
-                self.tick()
+                    took = time.monotonic() - begun
+                    looks = time.monotonic() + max(GROWTH_SECONDS, LOOKING * took)
+                if self.board.pages:
+                    self.tick()
+                else:
+                    self.stand_still()
                 time.sleep(FRAME_SECONDS)
 
     @contextmanager

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.log.runlog.growing import Episodes, Questions, questions_in
-from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.show.steps import learning_steps
+from sparse_coord_ros.log.runlog.log import RunLog, learning_steps
 
 SUM_EVERY = 20_000
 """Questions between two sums that are kept, so that no more than these are counted at once."""

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_agents
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.log.runlog.growing import Episodes
-from sparse_coord_ros.log.runlog.log import RunLog
+from sparse_coord_ros.log.runlog.log import RunLog, learning_steps
 from sparse_coord_ros.protocol.wire import COORDINATION_MAP, PerceptEnd
 from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages
 from sparse_coord_ros.show.narrator import Narrator
@@ -38,7 +38,6 @@ from sparse_coord_ros.show.page.controls import (
 from sparse_coord_ros.show.policy import entered, policy_of
 from sparse_coord_ros.show.steps import (
     exchanges_in,
-    learning_steps,
     logged_step,
     questions_of,
     stops_in,
