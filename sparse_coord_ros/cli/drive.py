@@ -17,13 +17,12 @@ from sparse_coord_ros.cli.options import (
     format_table,
     tell,
 )
-from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.measures import ERRORS, Measures, standard_error
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
 from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive, remedies
 
 EPISODES = Setting(
     "episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000
@@ -112,13 +111,7 @@ def execute(options: argparse.Namespace) -> None:
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
     lines = [format_table(head, rows), ERRORS]
-    if facts["bumps"]:
-        radius = driven.team.simulator.metric_map.radius
-        lines.append(
-            f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
-            f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
-            f"{radius / (0.5 - CLEAR):.2g} m or more."
-        )
+    lines += remedies(run, driven)
     if options.out is not None:
         lines.append(f"written: {options.out}")
     tell(options, {"scenario": run.scenario.name, "seed": seed, **facts}, *lines)

@@ -13,7 +13,7 @@ from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
-from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned, wall_direction
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS, IN_DOORWAYS
 from sparse_coord_ros.lab.maps.plan import (
     ASKEW,
@@ -87,7 +87,7 @@ def along(plan: FloorPlan, turn: float | str) -> FloorPlan:
     """
     if isinstance(turn, float):
         return turned(plan, math.radians(turn)) if turn else plan
-    yaw = wall_direction(plan)
+    yaw = plan.wall_direction
     if yaw is None:
         raise MapError(
             f"map {plan.name}: its walls have no main direction; give --turn in degrees"

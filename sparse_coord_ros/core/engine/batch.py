@@ -17,6 +17,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import groupby, islice
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +56,11 @@ TELLING = (
     "Untyped global name",
     "Unknown attribute",
     "Cannot",
+    "NameError",
+    "Only accept",
+    "Unsupported",
+    "Use of unsupported",
+    "cannot determine",
 )
 """Beginnings of the lines in which numba says what it cannot compile."""
 
@@ -135,11 +141,13 @@ def run_batches(
         work_of[one.learner.rule] += _work_of(one, trials)
 
     def how_to_compute(one: Batch) -> str:
-        if not uses_numba(engine, one.learner):
+        if not uses_numba(engine):
             return "processes"
         rule = one.learner
         quick = is_loaded(learner=rule) or pays_to_compile(work_of[rule.rule], rule)
-        return "threads" if engine == "numba" or quick else "here"
+        if not quick and engine != "numba":
+            return "here"
+        return "threads" if uses_numba(engine, rule) else "processes"
 
     for how, group in groupby(batches, how_to_compute):
         same = list(group)
@@ -276,12 +284,30 @@ def _compiles(learner: Learner) -> bool:
 
 
 def _reason(error: PluginError) -> str:
-    """Return numba's innermost reason, the last line of its message that tells."""
-    lines = [line.strip() for line in str(error.__cause__).splitlines()]
+    """Return where numba fails, its reason, and what to change: one line of its long message.
+
+    The place is the user's hook that it compiled last, and the last line outside of numba and of
+    this package. The reason is the last line that tells one.
+    """
+    text = str(error.__cause__)
+    place = [
+        f"its {name}"
+        for name in re.findall(r"Function\(<function \S+\.(\w+) at", text)[-1:]
+    ]
+    files = re.findall(r"During: typing of .* at (\S+) \((\d+)\)", text)
+    package = str(Path(__file__).parents[2])
+    own = [
+        line for file, line in files if package not in file and "/numba/" not in file
+    ]
+    place += [f"line {line}" for line in own[-1:]]
+    lines = [line.strip() for line in text.splitlines()]
     reasons = [line for line in lines if line.startswith(TELLING)]
-    if not reasons:
-        return type(error.__cause__).__name__
-    return re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
+    reason = type(error.__cause__).__name__
+    if reasons:
+        reason = re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
+    where = f"{', '.join(place)}: " if place else ""
+    allowed = "index arrays, compute, and call functions marked by @sc.rules.jitable"
+    return f"{where}{reason[:120]}; it may {allowed}"
 
 
 def _run_plain(

@@ -5,6 +5,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,11 @@ class FloorPlan:
     def name(self) -> str:
         """The file's stem."""
         return self.path.stem
+
+    @cached_property
+    def wall_direction(self) -> float | None:
+        """As `wall_direction`; found once."""
+        return wall_direction(self)
 
 
 def turned(plan: FloorPlan, yaw: float) -> FloorPlan:

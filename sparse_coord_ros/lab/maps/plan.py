@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.pose import Pose, Squares, metres
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.lab.maps import gridding
-from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, wall_direction
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.passages import narrow_corridors
 
 Place = tuple[float, float]
@@ -362,7 +362,7 @@ def _size_notes(cell: float, radius: float) -> Iterator[str]:
 
 def _direction_notes(plan: FloorPlan) -> Iterator[str]:
     """Yield a warning if the walls lie askew to the grid."""
-    direction = wall_direction(plan)
+    direction = plan.wall_direction
     if direction is not None and abs(math.degrees(direction)) >= ASKEW:
         yield (
             f"the walls lie at {math.degrees(direction):.1f} degrees to the grid, so doorways are "
