@@ -152,7 +152,23 @@ def read_floor_plan(path: Path) -> FloorPlan:
         )
     origin = pose_of(said.get("origin", [0.0, 0.0]), f"{path}: field 'origin'")
     image = path.parent / data["image"]
+    _refuse_other_place(path, image)
     return _floor_plan(path, image, data["resolution"], origin, reading)
+
+
+def _refuse_other_place(path: Path, image: Path) -> None:
+    """Raise MapError if a missing image lies beside its YAML file, as in a folder that was moved.
+
+    Upper and lower case count as equal: elsewhere they may be.
+    """
+    if image.exists():
+        return
+    for other in path.parent.iterdir():
+        if other.name.lower() == image.name.lower():
+            raise MapError(
+                f"{image}: no such image; {other.name} lies beside the YAML file: write "
+                f"'image: {other.name}'"
+            )
 
 
 def fields_of(path: Path) -> dict[str, Any]:
