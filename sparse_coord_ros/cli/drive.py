@@ -21,7 +21,7 @@ from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.measures import ERRORS, Measures, standard_error
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive, remedies
 
 EPISODES = Setting(
@@ -40,8 +40,8 @@ EXAMPLE = (
 
 def _means(name: str, form: str) -> tuple[str, str]:
     """Return the cells of a mean ± its standard error: for the bodies, and by the grid."""
-    one = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
-    return one, one.replace(name, f"{name}_in_grid")
+    cell = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
+    return cell, cell.replace(name, f"{name}_in_grid")
 
 
 ROWS = (
@@ -131,8 +131,8 @@ def facts_of(run: RunConfig, driven: Drive, grid: Measures, speed: float) -> dic
     }
     means: dict[str, float] = {}
     for name, values in pairs.items():
-        for key, each in zip((name, f"{name}_in_grid"), values, strict=True):
-            by_episode = each.reshape(len(each), -1).mean(axis=1)
+        for key, by_robot in zip((name, f"{name}_in_grid"), values, strict=True):
+            by_episode = by_robot.reshape(len(by_robot), -1).mean(axis=1)
             means[key] = float(by_episode.mean())
             means[f"{key}_error"] = standard_error(by_episode)
     return {

@@ -39,7 +39,7 @@ from sparse_coord_ros.core.game.grid import FURTHEST, number_of
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Moment, drive, remedies
 from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.image import (
@@ -386,35 +386,38 @@ def _first(options: argparse.Namespace, pixel: float) -> dict[str, Any]:
     return first
 
 
-def _chosen(said: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:
+def _chosen(choices: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:
     """Return the page's choices, checked; a start may have no goal yet.
 
     Args:
-        said: the choices.
+        choices: the choices.
         scaled: whether they say the scale of the picture.
 
     Raises:
         SparseCoordError: a value is none.
     """
-    numbers = {one.name: one.parse(said.get(one.name)) for one in (CELL, RADIUS)}
-    places = {name: _places(name, said.get(name)) for name in PLACES}
-    corridors = said.get("corridors")
+    numbers = {
+        setting.name: setting.parse(choices.get(setting.name))
+        for setting in (CELL, RADIUS)
+    }
+    places = {name: _places(name, choices.get(name)) for name in PLACES}
+    corridors = choices.get("corridors")
     if not isinstance(corridors, bool):
         raise SettingError("corridors: allowed: true or false")
     chosen = {**numbers, **places, "corridors": corridors}
     if scaled:
-        scale = said.get("scale")
+        scale = choices.get("scale")
         if not isinstance(scale, Mapping):
             raise SettingError("scale: allowed: resolution and origin of the picture")
         chosen["scale"] = _scale(scale)
     return chosen
 
 
-def _scale(said: Mapping[str, Any]) -> dict[str, Any]:
+def _scale(scale: Mapping[str, Any]) -> dict[str, Any]:
     """Return a picture's `resolution` in metres a pixel, and its `origin` in metres, checked."""
-    [origin] = _places("origin", [said.get("origin")])
+    [origin] = _places("origin", [scale.get("origin")])
     return {
-        "resolution": FIELDS["resolution"].parse(said.get("resolution")),
+        "resolution": FIELDS["resolution"].parse(scale.get("resolution")),
         "origin": origin,
     }
 

@@ -89,7 +89,7 @@ def run_batch(
         learner: a learner, or its name.
         seeds: one run each.
         cluster: the cluster that computes; None: this machine.
-        how: as of `run_batches`; a cluster's workers choose their number of `jobs` themselves.
+        how: arguments of `run_batches`; on a cluster without `jobs`.
 
     Raises:
         SettingError: numba is asked for and not installed.
@@ -133,17 +133,17 @@ def run_batches(
         history: whether each run comes with its learning history.
 
     Raises:
-        SettingError, RunError: as of `run_batch`.
+        SettingError, RunError: as for `run_batch`.
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     work_of: Counter[type[Learner]] = Counter()
-    for one in batches:
-        work_of[one.learner.rule] += _work_of(one, trials)
+    for batch in batches:
+        work_of[batch.learner.rule] += _work_of(batch, trials)
 
-    def how_to_compute(one: Batch) -> str:
+    def how_to_compute(batch: Batch) -> str:
         if not uses_numba(engine):
             return "processes"
-        rule = one.learner
+        rule = batch.learner
         quick = is_loaded(learner=rule) or pays_to_compile(work_of[rule.rule], rule)
         if not quick and engine != "numba":
             return "here"
@@ -155,13 +155,13 @@ def run_batches(
             yield from _in_threads(same, trials, jobs, history)
             continue
         work = [
-            (one.scenario, one.learner, s, trials, history)
-            for one in same
-            for s in one.seeds
+            (batch.scenario, batch.learner, seed, trials, history)
+            for batch in same
+            for seed in batch.seeds
         ]
-        found = all(map(_is_found_elsewhere, same))
-        if how == "here" or jobs == 1 or len(work) == 1 or not found:
-            yield from (_run_plain(*one) for one in work)
+        found_elsewhere = all(map(_is_found_elsewhere, same))
+        if how == "here" or jobs == 1 or len(work) == 1 or not found_elsewhere:
+            yield from (_run_plain(*arguments) for arguments in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
 
@@ -320,12 +320,14 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     """Learn for the scenario's budget, and evaluate the learned tables."""
     learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
-    found = result_of(learning, history=gathering)
+    training = result_of(learning, history=gathering)
     if not trials:
-        return found
+        return training
     if is_quick(team.scenario):
-        return replace(found, measures=evaluate_exact(team.scenario, found.tables))
-    return replace(found, measures=learning.play(trials))
+        return replace(
+            training, measures=evaluate_exact(team.scenario, training.tables)
+        )
+    return replace(training, measures=learning.play(trials))
 
 
 def result_of(learning: LearningRun, *, history: bool = True) -> Training:
@@ -355,7 +357,7 @@ def prepare(learner: str | Learner, *, engine: str = "auto") -> None:
 
     Args:
         learner: a learner, or its name.
-        engine: as of `run_batch`.
+        engine: as for `run_batch`.
 
     Raises:
         SettingError: numba is asked for and not installed.

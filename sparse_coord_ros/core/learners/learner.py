@@ -61,24 +61,24 @@ def _guarded(
     return guarded
 
 
-def _checked_scenario(said: str, made: Any) -> Any:
+def _checked_scenario(who: str, made: Any) -> Any:
     if not isinstance(made, Scenario):
         raise SettingError(
-            f"{said}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
+            f"{who}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
         )
     return made
 
 
-def _checked_weights(said: str, made: Any) -> Any:
+def _checked_weights(who: str, made: Any) -> Any:
     with suppress(TypeError, ValueError):
         weights = RewardWeights(*map(float, made))
         if all(map(math.isfinite, weights)):
             return weights
     allowed = "three numbers, for the individual reward, the common reward and the cost of asking"
-    raise SettingError(f"{said}: its weights are {made!r}, allowed: {allowed}")
+    raise SettingError(f"{who}: its weights are {made!r}, allowed: {allowed}")
 
 
-def _anything(said: str, made: Any) -> Any:
+def _anything(who: str, made: Any) -> Any:
     return made
 
 
@@ -119,10 +119,10 @@ def _check_hook(learner: type, name: str, hook: Any) -> None:
         raise TypeError(
             f"class {learner.__name__}: {name} is {in_short(hook)}, no plain function; {allowed}"
         )
-    found = list(inspect.signature(hook).parameters)
-    if found != wanted:
+    parameters = list(inspect.signature(hook).parameters)
+    if parameters != wanted:
         raise TypeError(
-            f"class {learner.__name__}: {name} takes ({', '.join(found)}), {allowed}"
+            f"class {learner.__name__}: {name} takes ({', '.join(parameters)}), {allowed}"
         )
     if "random" in hook.__code__.co_names:
         raise TypeError(
@@ -395,9 +395,9 @@ class Learner:
     @property
     def rule(self) -> Any:
         """The class with its hooks, of which a loop is made: itself, or a base class."""
-        for one in type(self).__mro__:
-            if any(name in vars(one) for name in OF_THE_LOOP):
-                return one
+        for base in type(self).__mro__:
+            if any(name in vars(base) for name in OF_THE_LOOP):
+                return base
         return Learner
 
     @property

@@ -97,8 +97,10 @@ def turned(plan: FloorPlan, yaw: float) -> FloorPlan:
     ahead, left = corner.relative(across + 0.5, height - down - 0.5)
     occupied[(rows - left).astype(int), ahead.astype(int)] = True
     free &= ~occupied
-    place = plan.origin.absolute(corner.x * plan.resolution, corner.y * plan.resolution)
-    origin = Pose(*place, math.remainder(plan.origin.yaw + yaw, math.tau))
+    corner_in_metres = plan.origin.absolute(
+        corner.x * plan.resolution, corner.y * plan.resolution
+    )
+    origin = Pose(*corner_in_metres, math.remainder(plan.origin.yaw + yaw, math.tau))
     return dataclasses.replace(plan, free=free, occupied=occupied, origin=origin)
 
 
