@@ -61,7 +61,7 @@ from sparse_coord_ros.core.runs.history import (
 )
 from sparse_coord_ros.core.runs.measures import Measures, by_run
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.core.solve import exact
 from sparse_coord_ros.core.solve.asking_search import find_asking_team
 from sparse_coord_ros.core.solve.optimum import joint_optimum as optimum
@@ -203,9 +203,9 @@ class Runs(list[Training]):
         """The mean learning curves of the runs, a row for each of 50 parts of the learning steps.
 
         Its columns: `steps`, the learning steps at the end of the part; and of the episodes that
-        end in it `returns` (of a robot, discounted, as of `evaluate`; but with exploration and the
-        starts of learning episodes), `length`, `miscoordinations`, `asks` (of a robot) and
-        `arrived` (their share), each with its standard error over the runs, `<name>_error`.
+        end in it `returns` (of a robot, discounted, with exploration and the starts of learning
+        episodes), `length`, `miscoordinations`, `asks` (of a robot) and `arrived` (their share),
+        each with its standard error over the runs, `<name>_error`.
 
         Raises:
             RunError: pandas is not installed.
@@ -228,9 +228,11 @@ class Runs(list[Training]):
             from sparse_coord_ros.show.figures import curves_figure
         for name in names:
             check_choice("curve", name, CURVES)
-        one = self[0]
-        game = f"{one.scenario.name}, penalty {one.scenario.penalty:g}"
-        title = f"{one.learner.label}, {game}: {len(self)} runs; band: a standard error"
+        first = self[0]
+        game = f"{first.scenario.name}, penalty {first.scenario.penalty:g}"
+        title = (
+            f"{first.learner.label}, {game}: {len(self)} runs; band: a standard error"
+        )
         return curves_figure(self.history, names, title)
 
 
@@ -305,7 +307,7 @@ def train_many(
     seed = RUN_SETTINGS["seed"].parse(seed)
     plan = Plan(seed, RUNS.parse(runs), TRIALS_OR_NONE.parse(trials))
     jobs = check_place(jobs, scheduler)
-    told = shown(progress, "runs")
+    show = shown(progress, "runs")
     done: list[Training] = []
     with cluster_at(scheduler) as cluster:
         for run in run_batch(
@@ -319,7 +321,7 @@ def train_many(
             cluster=cluster,
         ):
             done.append(run)
-            told(len(done), plan.runs)
+            show(len(done), plan.runs)
     return Runs(done)
 
 
@@ -420,8 +422,8 @@ def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification
     first difference, `undecided` says from which time step on the log does not decide.
 
     Args:
-        bag: as of `read_log`.
-        allow: as of `read_log`.
+        bag: as for `read_log`.
+        allow: as for `read_log`.
 
     Raises:
         BagError, RunError, SettingError: as `read_log`.
@@ -488,7 +490,7 @@ def pettingzoo_env(
         asking: "half_steps": a robot that asks gets the answer, then moves, as in the paper, and
             masks say what is allowed; "in_observation": for learners without masks: a robot asks
             with a move, and the answer is in the next observation.
-        phase: as of `vector_env`.
+        phase: as for `vector_env`.
         render_mode: None or "rgb_array".
 
     Raises:
@@ -528,13 +530,13 @@ def sweep(
         scenario: the problem and its protocol.
         over: the values of each setting; under `learner`, learners.
         learner: the learner, if `over` does not give it.
-        out: results directory, as of `run_experiment`; None: do not save.
+        out: results directory, as for `run_experiment`; None: do not save.
         runs: independent learning runs of a condition.
         trials: greedy trials of each run's team, where it is not evaluated exactly.
         seed: seed of run 0; run i has seed + i.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
-        scheduler: as of `run_experiment`.
+        scheduler: as for `run_experiment`.
         progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
             called with a condition's id, the agent-steps done and those of the whole call.
 
@@ -549,13 +551,17 @@ def sweep(
     allowed = "the values of each setting by its name, e.g. {'penalty': [-1, -10]}"
     check_argument("over", over, isinstance(over, Mapping), allowed)
     values: dict[str, list[Any]] = {"learner": [learner]}
-    for name, given in over.items():
-        many = isinstance(given, Iterable) and not isinstance(given, str)
-        values[name] = list(given) if many else []
-        check_argument(f"over: {name}", given, bool(values[name]), "a list of values")
+    for name, listed_values in over.items():
+        is_list = isinstance(listed_values, Iterable) and not isinstance(
+            listed_values, str
+        )
+        values[name] = list(listed_values) if is_list else []
+        check_argument(
+            f"over: {name}", listed_values, bool(values[name]), "a list of values"
+        )
     conditions = []
-    for each in product(*values.values()):
-        who, *rest = each
+    for combination in product(*values.values()):
+        who, *rest = combination
         settings = dict(zip(list(values)[1:], rest, strict=True))
         allow_named(settings.get("perception"))
         conditions.append(make_condition(problem, chosen_learner(who).label, settings))
@@ -602,13 +608,13 @@ def _learned(
     """Return the problem to play, the tables, and the learner that acts on them."""
     run = load_run(learned) if isinstance(learned, str | Path) else learned
     tables = run
-    own = None
+    problem = None
     if isinstance(run, Training | SavedRun):
         tables = run.tables
-        own = run.scenario
+        problem = run.scenario
         learner = learner or run.learner
     if not isinstance(tables, list | tuple) or not all(
-        isinstance(one, Tables) for one in tables
+        isinstance(entry, Tables) for entry in tables
     ):
         allowed = (
             "a Training, a SavedRun, its directory, or a list of the robots' Tables (of many "
@@ -617,10 +623,10 @@ def _learned(
         raise TablesError(wrong_argument(LEARNED_ARGUMENT, learned, allowed))
     rule = None if learner is None else chosen_learner(learner)
     if scenario is not None:
-        own = loaded(scenario)
-        own = own if rule is None else rule.with_defaults(own)
-    if own is None:
+        problem = loaded(scenario)
+        problem = problem if rule is None else rule.with_defaults(problem)
+    if problem is None:
         raise TablesError(
             "tables alone do not say their scenario; give evaluate(scenario=...)"
         )
-    return own, tables, rule
+    return problem, tables, rule

@@ -13,7 +13,7 @@ from teams import tables_equal
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import SUMMARY_FILE, load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog import Verification
 from sparse_coord_ros.protocol.wire.status import read_status, values_of

@@ -19,7 +19,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.core.runs.tables import pack_tables, unpack_saved
+from sparse_coord_ros.core.runs.saved_tables import pack_tables, unpack_saved
 from sparse_coord_ros.log.bags import BagWriter, QoS
 from sparse_coord_ros.log.bags.metadata import (
     METADATA_RECORD,

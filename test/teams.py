@@ -22,7 +22,7 @@ from sparse_coord_ros.core.learners.rules import reward_of
 from sparse_coord_ros.core.runs.history import HistoryRecorder, concatenated
 from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team, tables_of
+from sparse_coord_ros.core.runs.saved_tables import load_team, tables_of
 from sparse_coord_ros.core.runs.team import Team, groups_of
 
 PROTOCOL = {

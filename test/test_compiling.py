@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(not has_numba(), reason="numba is not installed"
 PROGRAM = """
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.engine.batch import is_prepared, prepare, run_batch
-from sparse_coord_ros.core.runs.tables import pack_tables
+from sparse_coord_ros.core.runs.saved_tables import pack_tables
 import hashlib
 scenario = load_scenario("env1", ).with_settings({"steps": 3000})
 there = is_prepared()

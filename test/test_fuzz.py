@@ -16,7 +16,7 @@ from sparse_coord_ros.core.game.grid import load_map
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.history import load_history
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.log.runlog import verify
 
 pytestmark = pytest.mark.long

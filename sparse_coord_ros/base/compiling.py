@@ -73,9 +73,9 @@ INTERRUPT_SECONDS = 0.2
 def has_numba() -> bool:
     """Return whether numba is installed, and fits this NumPy."""
     # If it is already imported, the check is immediate.
-    return (
-        _imports() if "numba" in sys.modules else bool(in_background("numba", _imports))
-    )
+    if "numba" in sys.modules:
+        return _imports()
+    return bool(in_background("numba", _imports))
 
 
 def _imports() -> bool:
@@ -197,13 +197,13 @@ def jit(
             checked = {"boundscheck": _is_the_users(function)}
             compiler.extending.register_jitable(**OPTIONS, **checked)(function)
             _jitable[function] = True
-    place = folder(rule)
+    cache_folder = folder(rule)
     config = vars(compiler.config)
     before = config["CACHE_DIR"]
-    if place is not None:
-        config["CACHE_DIR"] = str(place)
+    if cache_folder is not None:
+        config["CACHE_DIR"] = str(cache_folder)
     try:
-        njit = compiler.njit(**OPTIONS, nogil=True, cache=place is not None)
+        njit = compiler.njit(**OPTIONS, nogil=True, cache=cache_folder is not None)
         return [njit(loop) for loop in loops]
     finally:
         config["CACHE_DIR"] = before
@@ -223,15 +223,19 @@ def folder(rule: type | None = None) -> Path | None:
     if named == "":
         return None
     try:
-        base = Path(named) if named else _user_cache()
-        found = base / digest_of_sources("\n".join(map(version, COMPILER)), rule)
-        if not found.exists():
-            found.mkdir(parents=True, mode=0o700, exist_ok=True)
+        if named:
+            base = Path(named)
+        else:
+            user_cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+            base = Path(user_cache) / "sparse_coord_ros"
+        cache_folder = base / digest_of_sources("\n".join(map(version, COMPILER)), rule)
+        if not cache_folder.exists():
+            cache_folder.mkdir(parents=True, mode=0o700, exist_ok=True)
             _delete_unused(base)
-        if not os.access(found, os.W_OK | os.X_OK):
+        if not os.access(cache_folder, os.W_OK | os.X_OK):
             return None
-        os.utime(found)  # it is used
-        return found
+        os.utime(cache_folder)  # it is used
+        return cache_folder
     except (OSError, RuntimeError, TypeError, PackageNotFoundError):
         # No space, no home, no file of the rule, or no numba.
         return None
@@ -243,13 +247,6 @@ def _delete_unused(base: Path) -> None:
     for other in base.iterdir():
         if OUR_FOLDER.fullmatch(other.name) and other.stat().st_mtime < long_ago:
             shutil.rmtree(other, ignore_errors=True)
-
-
-def _user_cache() -> Path:
-    return (
-        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        / "sparse_coord_ros"
-    )
 
 
 def digest_of_sources(
@@ -279,10 +276,10 @@ def _sources_of(rule: type) -> Iterator[bytes]:
     It is the files of its classes and of the functions that they call, which numba does not
     look at, and the constants that these read, which may be of another file.
     """
-    for one in rule.__mro__:
-        if _is_the_users(one):
-            yield Path(inspect.getfile(one)).read_bytes()
-    functions = [one for _, one in inspect.getmembers(rule, inspect.isfunction)]
+    for member in rule.__mro__:
+        if _is_the_users(member):
+            yield Path(inspect.getfile(member)).read_bytes()
+    functions = [member for _, member in inspect.getmembers(rule, inspect.isfunction)]
     for function in filter(_is_the_users, functions):
         yield Path(inspect.getfile(function)).read_bytes()
         for name in function.__code__.co_names:
@@ -310,7 +307,7 @@ def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> No
 
     Args:
         key: names the loops.
-        rule: as of `jit`.
+        rule: as in `jit`.
         warm_up: calls each of them.
     """
 
@@ -318,12 +315,10 @@ def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> No
         with _one_process(folder(rule), key):
             try:
                 warm_up()
-            except (
-                Exception
-            ) as error:  # a damaged file on disk may make numba raise any error
-                if isinstance(error, SparseCoordError | MemoryError) or not forget(
-                    rule
-                ):
+            except (SparseCoordError, MemoryError):
+                raise
+            except Exception:  # a damaged file on disk may make numba raise any error
+                if not forget(rule):
                     raise
                 warm_up()
             keep(key, rule)
@@ -332,13 +327,14 @@ def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> No
 
 
 @contextmanager
-def _one_process(place: Path | None, key: str) -> Iterator[None]:
+def _one_process(cache_folder: Path | None, key: str) -> Iterator[None]:
     """Hold a lock in the folder of missing loops; continue without one if locking fails."""
     with ExitStack() as held:
-        if place is not None and not (place / key).exists():
+        if cache_folder is not None and not (cache_folder / key).exists():
             with suppress(OSError):
                 take_lock(
-                    held.enter_context((place / f"{key}.lock").open("w")), wait=True
+                    held.enter_context((cache_folder / f"{key}.lock").open("w")),
+                    wait=True,
                 )
         yield
 
@@ -351,26 +347,24 @@ def is_compiled(key: str, rule: type | None = None) -> bool:
 
 def is_kept(key: str, rule: type | None = None) -> bool:
     """Return whether the loops of that name are compiled on disk."""
-    place = folder(rule)
-    return place is not None and (place / key).exists()
+    cache_folder = folder(rule)
+    return cache_folder is not None and (cache_folder / key).exists()
 
 
 def keep(key: str, rule: type | None = None) -> None:
     """Note that the loops of that name are compiled."""
-    place = folder(rule)
-    if place is not None:
+    cache_folder = folder(rule)
+    if cache_folder is not None:
         with suppress(OSError):  # on a full disk they are compiled again next time
-            (place / key).touch()
+            (cache_folder / key).touch()
 
 
 def forget(rule: type | None = None) -> bool:
     """Delete the unreadable cache; return whether it existed."""
-    place = folder(rule)
-    kept = (
-        []
-        if place is None
-        else [one for one in place.iterdir() if one.suffix != ".lock"]
-    )
+    cache_folder = folder(rule)
+    if cache_folder is None:
+        return False
+    kept = [path for path in cache_folder.iterdir() if path.suffix != ".lock"]
     for path in kept:
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)

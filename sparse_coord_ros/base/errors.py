@@ -175,10 +175,10 @@ def failure_of(error: Exception) -> SparseCoordError:
         remedy = "make room" if full else "give another path, or one that you may use"
         failure: SparseCoordError = RunError(f"{os_error_text(error)}; {remedy}")
     else:
-        said = message_of(error)
+        message = message_of(error)
         frames = traceback.extract_tb(error.__traceback__)
-        where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-        what = f"unexpected {type(error).__name__}{f': {said}' if said else ''}{where}"
+        raised_at = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+        what = f"unexpected {type(error).__name__}{f': {message}' if message else ''}{raised_at}"
         failure = FaultError(
             f"{what}; this is a fault of the software, please report it"
         )
@@ -270,7 +270,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
     Case does not count, and `OTHER_WORDS` stand for our names.
     """
-    names = {one.lower(): one for one in known}
+    names = {word.lower(): word for word in known}
     wanted = name.lower()
     bare = wanted.lstrip("-").replace("-", "_")
     if bare in OTHER_WORDS:
@@ -279,12 +279,12 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {names[near[0]]!r}?)" if near else ""
 
 
-def check_format(found: object, where: str, error: type[SparseCoordError]) -> None:
+def check_format(number: object, where: str, error: type[SparseCoordError]) -> None:
     """Raise an `error` unless a file's format is the one that this version reads."""
-    if type(found) is not int or found != FORMAT:
-        newer = isinstance(found, int) and found > FORMAT
+    if type(number) is not int or number != FORMAT:
+        newer = isinstance(number, int) and number > FORMAT
         remedy = "update sparse_coord_ros" if newer else "make it anew"
-        what = f"is in format {in_short(found)}, this version reads format {FORMAT}"
+        what = f"is in format {in_short(number)}, this version reads format {FORMAT}"
         raise error(f"{where}: {what}; {remedy}")
 
 

@@ -157,7 +157,7 @@ def _numbered(path: Path) -> Iterator[Path]:
 def rescue(
     directory: Path,
     write: Callable[[Path], None],
-    joins: Callable[[Path], bool] = lambda place: False,
+    joins: Callable[[Path], bool] = lambda target: False,
 ) -> Path:
     """Write files into a directory that replaces another, and return it.
 
@@ -175,9 +175,9 @@ def rescue(
     for folder in (directory.parent, Path(tempfile.gettempdir())):
         names = _numbered(folder / f"{directory.name}_rescued")
         try:
-            place = next(place for place in names if _makes(place) or joins(place))
-            write(place)
-            return place
+            target = next(target for target in names if _makes(target) or joins(target))
+            write(target)
+            return target
         except OSError as error:
             failure = error
     raise failure
@@ -208,9 +208,9 @@ def take_lock(
         exclusive: only for this process; else shared by all readers.
         wait: wait for the lock.
     """
-    how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
+    operation = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
     try:
-        fcntl.flock(file, how if wait else how | fcntl.LOCK_NB)
+        fcntl.flock(file, operation if wait else operation | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:

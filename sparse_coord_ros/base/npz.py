@@ -54,13 +54,12 @@ def unpack(
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         number = int(arrays.pop("format").ravel()[0])
-    except (
-        Exception
-    ) as failure:  # zip, zlib and NumPy's parser raise any exception for a bad file
-        # without NumPy's advice to trust the file
+    except Exception as failure:
+        # Zip, zlib and NumPy's parser raise any exception for a bad file. The message is without
+        # NumPy's advice to trust the file.
         problem = message_of(failure).partition(". ")[0]
-        told = f"{where}: cannot be read as {what} ({problem}); {remedy}"
-        raise (damaged or error)(told) from None
+        line = f"{where}: cannot be read as {what} ({problem}); {remedy}"
+        raise (damaged or error)(line) from None
     check_format(number, where, error)
     return arrays
 
@@ -87,6 +86,6 @@ def member(
         for size, want in zip(array.shape, shape, strict=False)
     ]
     if array.dtype != kind or len(shape) != array.ndim or array.shape != tuple(due):
-        found = f"{array.dtype} of shape {in_short(array.shape)}"
-        raise ValueError(f"{name} is {found}, not {np.dtype(kind)} of {shape}")
+        given = f"{array.dtype} of shape {in_short(array.shape)}"
+        raise ValueError(f"{name} is {given}, not {np.dtype(kind)} of {shape}")
     return array

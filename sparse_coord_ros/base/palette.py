@@ -54,7 +54,6 @@ def rgb(colour: str) -> tuple[float, float, float]:
 
 def ink_on(colour: str) -> str:
     """Return black or white, whichever is more legible on #RRGGBB."""
-    red, green, blue = (one**2.2 for one in rgb(colour))
-    return (
-        "#000000" if 0.2126 * red + 0.7152 * green + 0.0722 * blue > 0.2 else "#FFFFFF"
-    )
+    red, green, blue = (share**2.2 for share in rgb(colour))
+    luminance = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    return "#000000" if luminance > 0.2 else "#FFFFFF"

@@ -28,8 +28,8 @@ class _Loader(_SAFE_LOADER):
                 problem = f"key {in_short(key.value)} is there twice"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             keys.add(key.value)
-        found: dict[Any, Any] = super().construct_mapping(node, deep)
-        return found
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        return mapping
 
 
 def parse_yaml(
@@ -38,8 +38,8 @@ def parse_yaml(
     """Read YAML text whose top level is a mapping; arguments and errors as in `yaml_value`."""
     data = yaml_value(text, where=where, error=error)
     if not isinstance(data, dict):
-        said = "empty" if data is None else in_short(data)
-        raise error(f"{where}: must be 'key: value' lines, is {said}")
+        given = "empty" if data is None else in_short(data)
+        raise error(f"{where}: must be 'key: value' lines, is {given}")
     return data
 
 
@@ -61,8 +61,8 @@ def yaml_value(
     except (yaml.YAMLError, ValueError, RecursionError) as failure:
         mark = getattr(failure, "problem_mark", None)
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        told = getattr(failure, "context", None), getattr(failure, "problem", None)
-        problem = ", ".join(filter(None, told)) or message_of(failure)
+        words = getattr(failure, "context", None), getattr(failure, "problem", None)
+        problem = ", ".join(filter(None, words)) or message_of(failure)
         raise error(
             f"{where}{line}: not readable as YAML: {problem}; mend that line"
         ) from None
@@ -77,7 +77,7 @@ class Dumper(yaml.SafeDumper):
 
 
 def to_yaml(value: Any, **layout: Any) -> str:
-    """Return plain data as YAML text that `parse_yaml` reads back; `layout`: as of `yaml.dump`."""
+    """Return plain data as YAML for `parse_yaml`; `layout`: options of `yaml.dump`."""
     return str(
         yaml.dump(value, Dumper=Dumper, sort_keys=False, allow_unicode=True, **layout)
     )

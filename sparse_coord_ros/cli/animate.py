@@ -51,11 +51,10 @@ def execute(options: argparse.Namespace) -> None:
         from sparse_coord_ros.show.steps import questions_of
 
         wanted = episode_number(options.episode)
-        say = note
-        shown = open_run(options.source, say)
+        shown = open_run(options.source, note)
         scenario = shown.config.scenario
         if options.greedy or shown.bag is None:
-            say("playing greedy episodes on the learned tables")
+            note("playing greedy episodes on the learned tables")
             episode = played_episode(
                 scenario,
                 shown.tables,
@@ -67,15 +66,17 @@ def execute(options: argparse.Namespace) -> None:
             episode = logged_episode(shown.log, wanted)
         steps = len(episode.steps)
         if steps > film.MOST_STEPS:
-            say(f"the episode has {steps} steps: the first {film.MOST_STEPS} are shown")
+            note(
+                f"the episode has {steps} steps: the first {film.MOST_STEPS} are shown"
+            )
         kind = "greedy episode" if episode.greedy else "episode"
-        say(f"drawing {kind} {episode.number}, {steps} steps")
+        note(f"drawing {kind} {episode.number}, {steps} steps")
         title = f"{scenario.name}, {kind} {episode.number}"
         data = film.film(scenario, episode, title=title, rate=options.rate)
-    said = {
+    facts = {
         "episode": episode.number,
         "greedy": episode.greedy,
         "arrived": episode.arrived,
     }
     asks = sum(len(questions_of(step)) for step in episode.steps)
-    pictures.write(options, data, **said, steps=steps, asks=asks)
+    pictures.write(options, data, **facts, steps=steps, asks=asks)

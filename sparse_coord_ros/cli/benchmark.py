@@ -55,7 +55,7 @@ def execute(options: argparse.Namespace) -> None:
     settings = SETTINGS.parse(shared.settings_of(options))
     waits_for = first_wait(options)
     with Bar("agent-steps", waits_for, quiet=options.json) as bar:
-        found = benchmark(
+        standings = benchmark(
             options.learners,
             lists=options.lists,
             progress=lambda name, done, total: bar.show(done, total, name),
@@ -66,8 +66,8 @@ def execute(options: argparse.Namespace) -> None:
     head += ["failed teams", "least arrival"]
     shared.tell(
         options,
-        {"standings": found},
-        shared.format_table(head, [row_of(one) for one in found]),
+        {"standings": standings},
+        shared.format_table(head, [row_of(standing) for standing in standings]),
         "share of the gap: from fixed shortest paths to the best asking team found (two robots;",
         "no upper bound), or to an upper bound (more robots, files); ±: standard error",
     )

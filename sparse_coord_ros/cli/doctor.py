@@ -21,14 +21,14 @@ OPTIONS = (shared.JSON,)
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 1 if a check fails."""
-    found = []
+    results = []
     for finding in findings():
-        found.append(finding)
+        results.append(finding)
         if not options.json:
             _print(finding)
-    fine = all(one.level != WRONG for one in found)
-    said = f"\n{'nothing' if fine else 'something'} is wrong"
-    shared.tell(options, {"fine": fine, "findings": found}, said)
+    fine = all(finding.level != WRONG for finding in results)
+    line = f"\n{'nothing' if fine else 'something'} is wrong"
+    shared.tell(options, {"fine": fine, "findings": results}, line)
     return 0 if fine else UNWELL
 
 
@@ -43,7 +43,7 @@ def findings() -> Iterator[Finding]:
 
 
 def _print(finding: Finding) -> None:
-    said = [f"{finding.level:<6} {finding.part}: {finding.text}"]
-    said += [f"       to do: {finding.remedy}"] if finding.remedy else []
-    for text in said:
-        print(textwrap.fill(text, WIDTH, subsequent_indent=" " * 7), flush=True)
+    lines = [f"{finding.level:<6} {finding.part}: {finding.text}"]
+    lines += [f"       to do: {finding.remedy}"] if finding.remedy else []
+    for line in lines:
+        print(textwrap.fill(line, WIDTH, subsequent_indent=" " * 7), flush=True)

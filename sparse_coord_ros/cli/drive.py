@@ -17,13 +17,12 @@ from sparse_coord_ros.cli.options import (
     format_table,
     tell,
 )
-from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.measures import ERRORS, Measures, standard_error
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive
+from sparse_coord_ros.core.runs.saved_tables import load_team
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Drive, drive, remedies
 
 EPISODES = Setting(
     "episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000
@@ -41,8 +40,8 @@ EXAMPLE = (
 
 def _means(name: str, form: str) -> tuple[str, str]:
     """Return the cells of a mean ± its standard error: for the bodies, and by the grid."""
-    one = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
-    return one, one.replace(name, f"{name}_in_grid")
+    cell = f"{{{name}:{form}}} ± {{{name}_error:{form}}}"
+    return cell, cell.replace(name, f"{name}_in_grid")
 
 
 ROWS = (
@@ -112,13 +111,7 @@ def execute(options: argparse.Namespace) -> None:
     rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
     head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
     lines = [format_table(head, rows), ERRORS]
-    if facts["bumps"]:
-        radius = driven.team.simulator.metric_map.radius
-        lines.append(
-            f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
-            f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
-            f"{radius / (0.5 - CLEAR):.2g} m or more."
-        )
+    lines += remedies(run, driven)
     if options.out is not None:
         lines.append(f"written: {options.out}")
     tell(options, {"scenario": run.scenario.name, "seed": seed, **facts}, *lines)
@@ -138,8 +131,8 @@ def facts_of(run: RunConfig, driven: Drive, grid: Measures, speed: float) -> dic
     }
     means: dict[str, float] = {}
     for name, values in pairs.items():
-        for key, each in zip((name, f"{name}_in_grid"), values, strict=True):
-            by_episode = each.reshape(len(each), -1).mean(axis=1)
+        for key, by_robot in zip((name, f"{name}_in_grid"), values, strict=True):
+            by_episode = by_robot.reshape(len(by_robot), -1).mean(axis=1)
             means[key] = float(by_episode.mean())
             means[f"{key}_error"] = standard_error(by_episode)
     return {

@@ -35,7 +35,7 @@ from sparse_coord_ros.core.runs.measures import (
     Measures,
 )
 from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import load_team, missing_files
+from sparse_coord_ros.core.runs.saved_tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
 from sparse_coord_ros.core.solve.verdict import verdict_on
@@ -89,14 +89,14 @@ class Evaluated(NamedTuple):
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    found = [
+    runs = [
         evaluated(path, options.trials, options.seed) for path in options.directories
     ]
-    facts = [facts_of(one) for one in found]
-    parts = [result_table(runs, spread=options.spread) for runs in by_game(found)]
-    if len(found) == 1:
-        [(_, run, measures)] = found
-        parts.append(verdict_on(run.scenario, run.rule, measures).text)
+    facts = [facts_of(run) for run in runs]
+    parts = [result_table(group, spread=options.spread) for group in by_game(runs)]
+    if len(runs) == 1:
+        [(_, config, measures)] = runs
+        parts.append(verdict_on(config.scenario, config.rule, measures).text)
         tell(options, facts[0], "\n".join(parts))
     else:
         tell(options, {"runs": facts}, "\n\n".join(parts))
@@ -133,12 +133,12 @@ def evaluation_of(
     """Evaluate tables that fit their run; arguments as in `evaluated`."""
     from sparse_coord_ros.core.solve.exact import evaluate_best
 
-    how: dict[str, Any] = {"trials": trials or TRIALS.default, "seed": seed}
+    options: dict[str, Any] = {"trials": trials or TRIALS.default, "seed": seed}
     with Bar("trials", "evaluating the learned tables") as bar:
-        how |= {"learner": run.rule, "progress": bar.show}
+        options |= {"learner": run.rule, "progress": bar.show}
         if trials is None:
-            return evaluate_best(run.scenario, tables, **how)
-        return play(run.scenario, tables, **how)
+            return evaluate_best(run.scenario, tables, **options)
+        return play(run.scenario, tables, **options)
 
 
 @contextmanager
@@ -157,35 +157,36 @@ def result_can_wait(out: Path, verb: str) -> Iterator[None]:
         raise
 
 
-def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
+def by_game(runs: list[Evaluated]) -> list[list[Evaluated]]:
     """Return the runs in groups of the same game, in the order given."""
     groups: dict[tuple[str, str], list[Evaluated]] = {}
-    for one in found:
-        scenario = one.run.scenario
+    for run in runs:
+        scenario = run.run.scenario
         groups.setdefault((scenario.name, shipped.game_digest(scenario)), []).append(
-            one
+            run
         )
     return list(groups.values())
 
 
-def facts_of(one: Evaluated) -> dict[str, Any]:
+def facts_of(result: Evaluated) -> dict[str, Any]:
     """Return plain data of a run and its value."""
-    scenario = one.run.scenario
+    directory, run, measures = result
+    scenario = run.scenario
     bound = shipped.shipped_asking_team(scenario)
     team = shipped.shipped_best_team(scenario)
     optimum = shipped.known_optimum(scenario)
     return {
-        "directory": one.directory,
+        "directory": directory,
         "scenario": scenario.name,
         "penalty": scenario.penalty,
-        "learner": one.run.learner,
-        "seed": one.run.seed,
+        "learner": run.learner,
+        "seed": run.seed,
         "steps": scenario.steps,
         "peers_seen": scenario.peers_seen,
-        **one.measures.to_dict(),
-        "verdict": verdict_on(scenario, one.run.rule, one.measures),
-        "robots": one.measures.by_robot(),
-        "paper": paper_row(one.run),
+        **measures.to_dict(),
+        "verdict": verdict_on(scenario, run.rule, measures),
+        "robots": measures.by_robot(),
+        "paper": paper_row(run),
         "shortest_paths": shortest_paths(scenario).to_dict(),
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
@@ -227,32 +228,32 @@ def paper_row(run: RunConfig) -> dict:
     return dict(row) if same and scenario.horizon == papers.horizon else {}
 
 
-def result_table(found: Sequence[Evaluated], *, spread: bool = False) -> str:
+def result_table(runs: Sequence[Evaluated], *, spread: bool = False) -> str:
     """Return the table of runs of one game: ours, the paper's, and the reference values.
 
     Directories distinguish the runs of one learner.
 
     Args:
-        found: the runs.
+        runs: the runs.
         spread: whether standard deviations have columns of their own.
     """
-    scenario = found[0].run.scenario
+    scenario = runs[0].run.scenario
     head = [f"{scenario.name}, penalty {scenario.penalty:g}", *HEADINGS.values()]
     head.append("source")
     if spread:
         head += [f"s.d. of {HEADINGS[name]}" for name in SPREAD]
-    rows = [*_learned_rows(found), *_reference_rows(scenario)]
+    rows = [*_learned_rows(runs), *_reference_rows(scenario)]
     table = format_table(head, [row[: len(head)] for row in rows])
     return f"{table}\n{ERRORS}" if "±" in table else table
 
 
-def _learned_rows(found: Sequence[Evaluated]) -> list[list[str]]:
+def _learned_rows(runs: Sequence[Evaluated]) -> list[list[str]]:
     """Return a row for each run, and the paper's rows of their learners."""
-    optimum = shipped.known_optimum(found[0].run.scenario).value
+    optimum = shipped.known_optimum(runs[0].run.scenario).value
     rows = []
-    titles = [run.title for _, run, _ in found]
+    titles = [run.title for _, run, _ in runs]
     papers: dict[str, dict] = {}
-    for directory, run, measures in found:
+    for directory, run, measures in runs:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
         papers[title] = paper_row(run)

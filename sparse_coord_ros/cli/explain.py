@@ -41,18 +41,21 @@ def execute(options: argparse.Namespace) -> None:
     found = []
     interactions = []
     if step is not None:
-        found = [one for k in asked for one in explained(log, k, [step])]
+        found = [
+            coordination for k in asked for coordination in explained(log, k, [step])
+        ]
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
     lines = [] if log.damage is None else [log.damage]
     made = [log.made_before(t) for t in steps]
     lines += _which_step(options.robot or "all robots", options.step, made)
-    for one in found:
-        lines += in_words(log, one)
+    for coordination in found:
+        lines += in_words(log, coordination)
     at = None if step is None else log.made_before(step)
     lines += [f"at the end of step {at}: {sentence}" for sentence in interactions]
     facts = [
-        {**one._asdict(), "robot": log.names[one.robot], "step": at} for one in found
+        {**coordination._asdict(), "robot": log.names[coordination.robot], "step": at}
+        for coordination in found
     ]
     document = {
         "wanted": options.step,

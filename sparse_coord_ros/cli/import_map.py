@@ -211,7 +211,7 @@ def _lines(
     Args:
         made: the imported map.
         prospect: whether asking will pay; None: there is no scenario.
-        facts: as of `_facts`.
+        facts: the result as plain data.
         corridors: whether corridors were marked.
     """
     lines = [
@@ -223,8 +223,10 @@ def _lines(
         )
     ]
     if made.suggested:
-        said = ", ".join(f"{name}={value}" for name, value in made.suggested.items())
-        lines.append(f"settings by distance: {said}")
+        settings = ", ".join(
+            f"{name}={value}" for name, value in made.suggested.items()
+        )
+        lines.append(f"settings by distance: {settings}")
     if made.scenario is not None and made.scenario.prior == "map":
         lines.append(
             "robots begin with the values of robots alone on this map (prior=map)"

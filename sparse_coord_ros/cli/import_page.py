@@ -39,8 +39,8 @@ from sparse_coord_ros.core.game.grid import FURTHEST, number_of
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team
-from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Moment, drive
+from sparse_coord_ros.core.runs.saved_tables import load_team
+from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, Moment, drive, remedies
 from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.image import (
     FIELDS,
@@ -141,7 +141,7 @@ class ImportPage(Controlled):
         self._lock = threading.Lock()
         self._out: Path | None = None
         self.wanted: queue.SimpleQueue[tuple[str, Path]] = queue.SimpleQueue()
-        first = _first(options)
+        first = _first(options, self._plan.resolution)
         if self._picture:
             first["scale"] = SCALE_AT_FIRST
         board.put(
@@ -231,9 +231,7 @@ class ImportPage(Controlled):
             return
         options = argparse.Namespace(**{**vars(self._options), **wish.value})
         if self._picture:
-            scale = _pose_of(wish.value["scale"])
-            self._plan = dataclasses.replace(self._plan, **scale)
-            self._along = along(self._plan, options.turn)
+            self._scale_by(wish.value["scale"], options)
         made = make(options, self._along)
         grid = made.imported.grid
         shown = {"rows": grid.rows, "doorways_in_words": grid.doorways_in_words}
@@ -250,6 +248,14 @@ class ImportPage(Controlled):
             if wish.name == TRAIN:
                 self._begin(TRAIN, files[1])
         self._board.put("problem", text="")
+
+    def _scale_by(self, scale: Any, options: argparse.Namespace) -> None:
+        """Give the picture another scale, if it has another one."""
+        pose = _pose_of(scale)
+        if all(getattr(self._plan, name) == value for name, value in pose.items()):
+            return
+        self._plan = dataclasses.replace(self._plan, **pose)
+        self._along = along(self._plan, options.turn)
 
     def _save(self, options: argparse.Namespace, made: ImportedMap) -> list[Path]:
         """Write all files, and return them; a picture gets its YAML file, too."""
@@ -316,12 +322,15 @@ class ImportPage(Controlled):
         simulator = driven.team.simulator
         radius = simulator.metric_map.radius
         self._board.put("film", radius=radius, **_film(driven.team.path))
-        self._tell(
+        sentences = [
             f"Bodies of radius {radius:g} m drove {EPISODES} episodes: in "
             f"{driven.arrived.all(axis=1).sum()} all robots arrived; walls touched: "
-            f"{simulator.bumps}, bodies: {len(simulator.touches)}. The film on the map "
-            f"shows the first one. Other bodies: sparse_coord drive {out}"
-        )
+            f"{simulator.bumps}, bodies: {len(simulator.touches)}.",
+            *remedies(run, driven),
+            "The film on the map shows the first one. Other bodies: sparse_coord drive "
+            f"{out}",
+        ]
+        self._tell(" ".join(sentences))
 
     def stopped(self) -> bool:
         """Return whether an interrupt is the page's wish to stop; then it is told so."""
@@ -349,13 +358,20 @@ def _film(path: Sequence[Moment]) -> dict[str, Any]:
     }
 
 
-def _first(options: argparse.Namespace) -> dict[str, Any]:
+def _first(options: argparse.Namespace, pixel: float) -> dict[str, Any]:
     """Return the choices with which the page opens: by option, map file, or ours.
+
+    Args:
+        options: the options.
+        pixel: metres a pixel; a cell is no smaller.
 
     Raises:
         SparseCoordError: the map's file cannot be read, or its field `import_map` has a bad value.
     """
-    first: dict[str, Any] = {"cell": CELL_AT_FIRST, "radius": RADIUS_AT_FIRST}
+    first: dict[str, Any] = {
+        "cell": max(CELL_AT_FIRST, pixel),
+        "radius": RADIUS_AT_FIRST,
+    }
     first |= {name: [] for name in PLACES} | {"corridors": False}
     if not is_picture(options.map):
         kept = fields_of(options.map).get(FIELD, {})
@@ -370,35 +386,38 @@ def _first(options: argparse.Namespace) -> dict[str, Any]:
     return first
 
 
-def _chosen(said: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:
+def _chosen(choices: Mapping[str, Any], *, scaled: bool) -> dict[str, Any]:
     """Return the page's choices, checked; a start may have no goal yet.
 
     Args:
-        said: the choices.
+        choices: the choices.
         scaled: whether they say the scale of the picture.
 
     Raises:
         SparseCoordError: a value is none.
     """
-    numbers = {one.name: one.parse(said.get(one.name)) for one in (CELL, RADIUS)}
-    places = {name: _places(name, said.get(name)) for name in PLACES}
-    corridors = said.get("corridors")
+    numbers = {
+        setting.name: setting.parse(choices.get(setting.name))
+        for setting in (CELL, RADIUS)
+    }
+    places = {name: _places(name, choices.get(name)) for name in PLACES}
+    corridors = choices.get("corridors")
     if not isinstance(corridors, bool):
         raise SettingError("corridors: allowed: true or false")
     chosen = {**numbers, **places, "corridors": corridors}
     if scaled:
-        scale = said.get("scale")
+        scale = choices.get("scale")
         if not isinstance(scale, Mapping):
             raise SettingError("scale: allowed: resolution and origin of the picture")
         chosen["scale"] = _scale(scale)
     return chosen
 
 
-def _scale(said: Mapping[str, Any]) -> dict[str, Any]:
+def _scale(scale: Mapping[str, Any]) -> dict[str, Any]:
     """Return a picture's `resolution` in metres a pixel, and its `origin` in metres, checked."""
-    [origin] = _places("origin", [said.get("origin")])
+    [origin] = _places("origin", [scale.get("origin")])
     return {
-        "resolution": FIELDS["resolution"].parse(said.get("resolution")),
+        "resolution": FIELDS["resolution"].parse(scale.get("resolution")),
         "origin": origin,
     }
 

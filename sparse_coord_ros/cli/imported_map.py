@@ -13,7 +13,7 @@ from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli.pictures import drawing
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.settings import Setting, parse_assignments
-from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned, wall_direction
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned
 from sparse_coord_ros.lab.maps.passages import IN_CORRIDORS, IN_DOORWAYS
 from sparse_coord_ros.lab.maps.plan import (
     ASKEW,
@@ -87,7 +87,7 @@ def along(plan: FloorPlan, turn: float | str) -> FloorPlan:
     """
     if isinstance(turn, float):
         return turned(plan, math.radians(turn)) if turn else plan
-    yaw = wall_direction(plan)
+    yaw = plan.wall_direction
     if yaw is None:
         raise MapError(
             f"map {plan.name}: its walls have no main direction; give --turn in degrees"
@@ -99,11 +99,11 @@ def make(options: argparse.Namespace, plan: FloorPlan) -> ImportedMap:
     """Make a map and, where there are robots, a scenario as the options say.
 
     Raises:
-        SparseCoordError: as of `import_map` and `scenario_of`; or a --set without '='.
+        SparseCoordError: the map or the scenario cannot be made; or a --set without '='.
     """
     robots = list(zip(options.start, options.goal, strict=False))
     # for a goal, on the page
-    waiting = [(one, one) for one in options.start[len(robots) :]]
+    waiting = [(start, start) for start in options.start[len(robots) :]]
     given = parse_assignments(options.assignments)
     chosen = {name: getattr(options, name) for name in MAP_OPTIONS}
     imported = import_map(plan, robots=[*robots, *waiting], **chosen)
@@ -134,14 +134,14 @@ def _interactions_in_words(imported: Imported, *, taken: bool) -> str:
     corridors = "1 corridor is"
     if len(middles) > 1:
         corridors = f"{len(middles)} corridors are"
-    found = f"{corridors} one cell wide ({imported.narrow_cells} cells)"
+    narrow = f"{corridors} one cell wide ({imported.narrow_cells} cells)"
     if taken:
         return (
-            f"interactions={IN_CORRIDORS}: {found}, in the middle at {places(middles)}; their "
+            f"interactions={IN_CORRIDORS}: {narrow}, in the middle at {places(middles)}; their "
             "cells are doorways, which hold one robot each"
         )
     return (
-        f"interactions={IN_CORRIDORS} fits: {found}, in the middle at {places(middles)}; robots "
+        f"interactions={IN_CORRIDORS} fits: {narrow}, in the middle at {places(middles)}; robots "
         f"cannot pass each other there, which {IN_DOORWAYS} does not know"
     )
 
@@ -195,8 +195,8 @@ def check_free(options: argparse.Namespace, plan: FloorPlan, *, replace: bool) -
 
 def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
     """Return the text of the scenario file: robots, and the settings that are no defaults."""
-    said = scenario.to_dict()
-    chosen = {name: said[name] for name in ("robots", *given)}
-    data = {"map": f"{scenario.map.name}.txt", **chosen, **suggested}
+    data = scenario.to_dict()
+    chosen = {name: data[name] for name in ("robots", *given)}
+    chosen_data = {"map": f"{scenario.map.name}.txt", **chosen, **suggested}
     head = "# Made by import-map; robots' places are [row, column] of the map beside this file.\n"
-    return head + to_yaml(data, default_flow_style=None)
+    return head + to_yaml(chosen_data, default_flow_style=None)

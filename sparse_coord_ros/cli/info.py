@@ -24,10 +24,10 @@ def execute(options: argparse.Namespace) -> None:
     from sparse_coord_ros.log.bags.reader import open_bag
 
     bag = open_bag(options.bag, keep=False)
-    found = _information(
+    facts = _information(
         bag, recording=not bag.finished and being_recorded(bag.files[-1].path)
     )
-    shared.tell(options, found, *_lines(found))
+    shared.tell(options, facts, *_lines(facts))
 
 
 def _information(bag, *, recording: bool) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "compression": sorted(bag.compressions),
         "run": record,
         "versions": {
-            name.removeprefix("version_"): said for name, said in versions.items()
+            name.removeprefix("version_"): version for name, version in versions.items()
         },
         "repeat": _command(bag),
         "start_seconds": bag.start_ns / 1e9,
@@ -80,44 +80,46 @@ def _command(bag) -> str | None:
         return None
 
 
-def _lines(found: dict[str, Any]) -> Iterator[str]:
-    yield f"{found['file']}: {found['bytes']} bytes, {_state(found)}"
-    if len(found["files"]) > 1:
-        yield f"files: {', '.join(found['files'])}"
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
+    yield f"{facts['file']}: {facts['bytes']} bytes, {_state(facts)}"
+    if len(facts["files"]) > 1:
+        yield f"files: {', '.join(facts['files'])}"
     for what in ("run", "versions"):
-        if found[what]:
-            said = ", ".join(f"{name} {value}" for name, value in found[what].items())
-            yield in_line(f"{what}: {said}")
-    if found["repeat"] is not None:
-        yield in_line(f"repeat it: {found['repeat']}")
+        if facts[what]:
+            pairs = ", ".join(f"{name} {value}" for name, value in facts[what].items())
+            yield in_line(f"{what}: {pairs}")
+    if facts["repeat"] is not None:
+        yield in_line(f"repeat it: {facts['repeat']}")
     yield (
-        f"{found['messages']} messages in {found['duration_seconds']:.1f} s of simulated time, "
-        f"chunks {', '.join(found['compression']) or 'none'}\n"
+        f"{facts['messages']} messages in {facts['duration_seconds']:.1f} s of simulated time, "
+        f"chunks {', '.join(facts['compression']) or 'none'}\n"
     )
     rows = [
         [
             topic["name"],
             str(topic["messages"]),
             str(topic["bytes"]),
-            "latched"
-            if topic["latched"]
-            else "reliable"
-            if topic["reliable"]
-            else "best effort",
+            _qos_in_words(topic),
             topic["type"],
         ]
-        for topic in found["topics"]
+        for topic in facts["topics"]
     ]
     yield shared.format_table(["topic", "messages", "bytes", "QoS", "type"], rows)
-    if found["attachments"]:
+    if facts["attachments"]:
         rows = [
-            [one["name"], str(one["bytes"]), one["type"]]
-            for one in found["attachments"]
+            [attachment["name"], str(attachment["bytes"]), attachment["type"]]
+            for attachment in facts["attachments"]
         ]
         yield "\n" + shared.format_table(["attachment", "bytes", "type"], rows)
 
 
-def _state(found: dict[str, Any]) -> str:
-    if found["recording"]:
+def _qos_in_words(topic: dict[str, Any]) -> str:
+    if topic["latched"]:
+        return "latched"
+    return "reliable" if topic["reliable"] else "best effort"
+
+
+def _state(facts: dict[str, Any]) -> str:
+    if facts["recording"]:
         return "being recorded; shown up to the last part that its recorder has written"
-    return found["ends_early"] or "finished"
+    return facts["ends_early"] or "finished"

@@ -105,10 +105,10 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     processes: dict[str, Process] = {}
     try:
         for name, kind in kinds.items():
-            own = of_node(kind, values) | (
-                {"out": str(bag)} if kind == RECORDER else {}
-            )
-            processes[name] = _start(kind, name, own, quiet)
+            parameters = of_node(kind, values)
+            if kind == RECORDER:
+                parameters |= {"out": str(bag)}
+            processes[name] = _start(kind, name, parameters, quiet)
         interrupted = _wait(processes, out, stop)
     finally:
         _end(processes.values())
@@ -158,12 +158,11 @@ def _wait(processes: Mapping[str, Process], out: Path, stop: Stop) -> bool:
     last_robot = time.monotonic()
     while True:
         # asked before their exit codes
-        running = any(one.poll() is None for one in processes.values())
-        _check(
-            {n: p for n, p in processes.items() if n != RECORDER or not bag.exists()},
-            running,
-            out,
-        )
+        running = any(process.poll() is None for process in processes.values())
+        needed = dict(processes)
+        if bag.exists():
+            needed.pop(RECORDER, None)
+        _check(needed, running, out)
         if not running:
             # if all processes received the signal, they have ended by themselves
             return bool(stop)

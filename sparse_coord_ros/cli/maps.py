@@ -51,8 +51,8 @@ def execute(options: argparse.Namespace) -> None:
         robots = scenario.to_dict()["robots"]
         facts |= {"scenario": scenario.name, "robots": robots}
         lines.append("")
-        for name, places in robots.items():
-            lines.append(f"{name}: from {places['start']} to {places['goal']}")
+        for name, cells in robots.items():
+            lines.append(f"{name}: from {cells['start']} to {cells['goal']}")
     tell(options, [facts], *lines)
 
 

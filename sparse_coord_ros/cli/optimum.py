@@ -104,7 +104,7 @@ def execute(options: argparse.Namespace) -> None:
     known[BOUND] = f"{bound:.2f}"
     known["fixed shortest paths"] = _paths_in_words(paths)
     head = f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states"
-    lines = [f"{name:<22} {said}" for name, said in known.items()]
+    lines = [f"{name:<22} {value}" for name, value in known.items()]
     if paths.failed:
         lines.append(_horizon_in_words(scenario))
     tell(options, facts, head, *lines)
@@ -137,7 +137,7 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
     if options.out is not None:
         pictures.check_out(options.out)
     with Bar("restarts", "searching for asking teams", quiet=options.json) as bar:
-        found = find_asking_team(
+        team = find_asking_team(
             scenario,
             restarts=RESTARTS.default if options.restarts is None else options.restarts,
             seed=SEED.default if options.seed is None else options.seed,
@@ -146,23 +146,23 @@ def _search(options: argparse.Namespace, scenario: Scenario) -> None:
         )
     lines = [
         f"{scenario.name}, penalty {scenario.penalty:g}, the best asking team found",
-        f"found        {found.value:.3f}, {WARNING}",
-        f"{found.agreed} of {found.restarts} restarts agree, seed {found.seed}",
+        f"found        {team.value:.3f}, {WARNING}",
+        f"{team.agreed} of {team.restarts} restarts agree, seed {team.seed}",
     ]
     shipped = shipped_asking_team(scenario)
     if shipped is not None:
         agreed = f"{shipped.agreed} of {shipped.restarts} restarts"
         lines.append(f"shipped      {shipped.value:.3f}, {agreed}, {shipped.date}")
-    lines += in_words(scenario, found.robots)
-    for robot, gain in zip(scenario.robots, found.gains, strict=True):
+    lines += in_words(scenario, team.robots)
+    for robot, gain in zip(scenario.robots, team.gains, strict=True):
         if gain:
             lines.append(
                 f"{robot.name} alone could gain {gain:.3f} for itself: no equilibrium"
             )
-    if not any(found.gains):
+    if not any(team.gains):
         lines.append(
             "no robot can gain by changing alone, as far as the search found: an equilibrium"
         )
     if options.out is not None:
         lines.append(f"written: {options.out}")
-    tell(options, {"scenario": scenario.name, **asdict(found)}, *lines)
+    tell(options, {"scenario": scenario.name, **asdict(team)}, *lines)

@@ -66,31 +66,31 @@ def add_options(
     parser: argparse.ArgumentParser, options: Iterable[Option | Setting]
 ) -> None:
     """Add options to a parser; a `Setting` stands for the option of its name."""
-    for one in options:
-        if isinstance(one, Setting):
-            one = Option(f"--{one.name}", one, one.help)
-        name, _, _ = one.words.strip("[]").partition(" ")
-        how = _arguments(name, one)
-        offered = how.pop("names", None)
-        action = parser.add_argument(name, **how)
+    for option in options:
+        if isinstance(option, Setting):
+            option = Option(f"--{option.name}", option, option.help)
+        name, _, _ = option.words.strip("[]").partition(" ")
+        arguments = _arguments(name, option)
+        offered = arguments.pop("names", None)
+        action = parser.add_argument(name, **arguments)
         if offered is not None:  # argcomplete calls its `completer`
             setattr(action, "completer", lambda offered=offered, **_: offered())  # noqa: B010
 
 
 def _arguments(name: str, option: Option) -> dict[str, Any]:
     """Return the arguments of `add_argument` for an option; and its `names`, if it has any."""
-    how = {
+    arguments = {
         "help": _help(option),
         **_values(option.words),
         **_reading(name, option.kind),
     }
-    how |= option.more
-    default = how.get("default")
+    arguments |= option.more
+    default = arguments.get("default")
     if isinstance(default, tuple):
         default = " ".join(default)
     if default not in (None, [], ""):
-        how["help"] += f" (default: {default})"
-    return how
+        arguments["help"] += f" (default: {default})"
+    return arguments
 
 
 def _help(option: Option) -> str:
@@ -106,19 +106,19 @@ def _values(words: str) -> dict[str, Any]:
     optional = words != required
     several = required.endswith("...")
     _, _, metavar = required.removesuffix("...").partition(" ")
-    found: dict[str, Any] = {"metavar": metavar} if metavar else {}
+    arguments: dict[str, Any] = {"metavar": metavar} if metavar else {}
     if several:
-        found["nargs"] = "*" if optional else "+"
+        arguments["nargs"] = "*" if optional else "+"
     elif optional:
-        found["nargs"] = "?"
-    return found
+        arguments["nargs"] = "?"
+    return arguments
 
 
 def _reading(
     name: str,
     kind: Setting | tuple[str, ...] | Callable[[str], Any] | None,
 ) -> dict[str, Any]:
-    """Return how the value of an option with this name is read; `kind` as of `Option`."""
+    """Return how the value of an option with this name is read; `kind`: as in `Option`."""
     if kind is bool:
         return {"action": "store_true"}
     if isinstance(kind, tuple):
@@ -135,19 +135,13 @@ def _reading(
     return {} if kind is None else {"type": kind}
 
 
-def _bag(text: str) -> Path:
-    if not text:
-        raise argparse.ArgumentTypeError("is empty: give a bag's directory or its file")
-    return Path(text)
-
-
 def _path(text: str) -> Path:
     if not text:
         raise argparse.ArgumentTypeError("is empty: give a path")
     return Path(text)
 
 
-BAG = Option("bag BAG", _bag, "a run or bag directory, or a bag file")
+BAG = Option("bag BAG", Path, "a run or bag directory, or a bag file")
 ALLOW = Option(
     "--allow MODULE",
     None,
@@ -179,8 +173,8 @@ WATCH = (
 
 def changes(help: str) -> Option:
     """Return --set."""
-    how = {"action": "append", "default": [], "dest": "assignments"}
-    return Option("--set KEY=VALUE", None, help, how)
+    arguments = {"action": "append", "default": [], "dest": "assignments"}
+    return Option("--set KEY=VALUE", None, help, arguments)
 
 
 def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
@@ -203,8 +197,8 @@ def _place(which: str) -> Option:
         f"another {which} of a robot: row and column of a free cell, from 0 at the top left; "
         "may be repeated"
     )
-    how = {"action": "append", "default": []}
-    return Option(f"--{which} ROBOT=ROW,COLUMN", None, text, how)
+    arguments = {"action": "append", "default": []}
+    return Option(f"--{which} ROBOT=ROW,COLUMN", None, text, arguments)
 
 
 def run_options(resume: str) -> tuple[Option | Setting, ...]:
@@ -320,16 +314,16 @@ def _places(options: argparse.Namespace, which: str) -> dict[str, object]:
     Raises:
         SettingError: a text is not ROBOT=ROW,COLUMN.
     """
-    places: dict[str, object] = {}
+    cells: dict[str, object] = {}
     for text in getattr(options, which):
-        robot, _, place = text.partition("=")
-        numbers = place.split(",")
+        robot, _, cell = text.partition("=")
+        numbers = cell.split(",")
         if not robot or not all(number.strip().isdecimal() for number in numbers):
             raise SettingError(
                 f"--{which} {text}: write it as ROBOT=ROW,COLUMN, e.g. robot_1=0,3"
             )
-        places[robot.strip()] = [int(number) for number in numbers]
-    return places
+        cells[robot.strip()] = [int(number) for number in numbers]
+    return cells
 
 
 def output_directory(options: argparse.Namespace, name: str) -> Path:
@@ -364,7 +358,9 @@ def _plain(data: Any) -> Any:
         return [_plain(value) for value in data]
     if isinstance(data, Path):
         return str(data)
-    return None if isinstance(data, float) and not math.isfinite(data) else data
+    if isinstance(data, float) and not math.isfinite(data):
+        return None
+    return data
 
 
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -373,6 +369,6 @@ def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     table.insert(1, ["-" * width for width in widths])
     form = "  ".join(
-        f"{{:{'>' if place else '<'}{n}}}" for place, n in enumerate(widths)
+        f"{{:{'>' if column else '<'}{n}}}" for column, n in enumerate(widths)
     )
     return "\n".join(form.format(*row).rstrip() for row in table)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sparse_coord_ros.base.errors import RunError, SparseCoordError
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.core.runs.run_config import load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.show.page.controls import NEXT, Control, Controlled
 from sparse_coord_ros.show.page.message_board import MessageBoard
 

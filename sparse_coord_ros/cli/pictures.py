@@ -47,12 +47,12 @@ def check_out(path: Path, kinds: Sequence[str] = ()) -> str:
     return kind.removeprefix(".")
 
 
-def write(options: argparse.Namespace, data: bytes | str, **said: object) -> None:
-    """Write the file of --out whole, and print its path; JSON output also has `said`."""
+def write(options: argparse.Namespace, data: bytes | str, **facts: object) -> None:
+    """Write the file of --out whole, and print its path; JSON output also has `facts`."""
     write_whole(options.out, data)
     size = options.out.stat().st_size
-    facts = {"file": options.out, "bytes": size, **said}
-    shared.tell(options, facts, f"{options.out} ({size / 1000:.0f} kB)")
+    document = {"file": options.out, "bytes": size, **facts}
+    shared.tell(options, document, f"{options.out} ({size / 1000:.0f} kB)")
 
 
 @contextmanager

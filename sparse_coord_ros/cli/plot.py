@@ -45,16 +45,15 @@ def execute(options: argparse.Namespace) -> None:
         from sparse_coord_ros.show.sources import is_results, open_run
         from sparse_coord_ros.studies.experiment_figures import results_figure
 
-        say = note
         if len(options.sources) == 1 and is_results(options.sources[0]):
-            what, figure = results_figure(options.sources[0], options.what, say)
+            what, figure = results_figure(options.sources[0], options.what, note)
         else:
-            runs = [open_run(path, say) for path in options.sources]
-            for one in runs:
-                _ = one.config  # refused before its parts are looked for
+            runs = [open_run(path, note) for path in options.sources]
+            for run in runs:
+                _ = run.config  # refused before its parts are looked for
             whats = figures.parse_whats(options.what, runs)
             what = ",".join(whats)
             figure = figures.runs_figure(runs, whats)
-        say(f"drawing {what}")
+        note(f"drawing {what}")
         data = rendered(figure, kind, options.dpi)
     pictures.write(options, data, what=what)

@@ -58,7 +58,7 @@ def execute(options: argparse.Namespace) -> int:
             return Player(context=context, values=values, keyboard=True)
         except SettingError as error:
             text = PARAMETER.sub(
-                lambda found: NAMES.get(found[1], found[1]), str(error)
+                lambda match: NAMES.get(match[1], match[1]), str(error)
             )
             raise SettingError(text) from None
 

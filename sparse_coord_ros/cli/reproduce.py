@@ -56,27 +56,27 @@ def execute(options: argparse.Namespace) -> None:
     asked = options.targets or NAMES
     targets = parse_targets(asked)
     if options.list:
-        conditions = [one.id for one in targets.conditions]
+        conditions = [condition.id for condition in targets.conditions]
         tell(options, {"conditions": conditions}, *conditions)
         return
-    by = computing_of(options)
+    computing = computing_of(options)
     with Bar("agent-steps", first_wait(options)) as bar:
-        found = run_experiment(
+        results = run_experiment(
             asked,
             progress=lambda name, done, total: bar.show(done, total, name),
             report=True,
-            **by,
+            **computing,
         )
-    facts = {"conditions": [result.to_dict() for result in found.values()]}
-    lines = _lines(options.out, found, report=bool(targets.experiments))
+    facts = {"conditions": [result.to_dict() for result in results.values()]}
+    lines = _lines(options.out, results, report=bool(targets.experiments))
     tell(options, facts, *lines)
 
 
 def _lines(
-    out: Path, found: Mapping[str, ConditionResult], *, report: bool
+    out: Path, results: Mapping[str, ConditionResult], *, report: bool
 ) -> Iterator[str]:
     rows = []
-    for name, result in found.items():
+    for name, result in results.items():
         exact = "" if result.optimum_exact else "<= "
         cells = result.measures.cells(optimum=result.optimum)
         rows.append([name, *cells.values(), f"{exact}{result.optimum:.2f}"])

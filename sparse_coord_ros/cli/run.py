@@ -22,7 +22,7 @@ from sparse_coord_ros.cli.evaluate import (
 )
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, load_team
 from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.show.page.message_board import MessageBoard
@@ -160,18 +160,19 @@ def _scenario_file(scenario: Scenario) -> str:
 
 def _counted(options: argparse.Namespace, summary: dict[str, Any]) -> Iterator[str]:
     pace = summary.get("steps_per_second", 0)
-    how = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
+    pace_in_words = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
     if options.resume is not None and not pace and not summary["interrupted"]:
-        how = "(the run was already finished)"
+        pace_in_words = "(the run was already finished)"
     yield (
-        f"\n{summary.get('transitions', 0)} steps {how}, {summary.get('episodes', 0)} episodes, "
+        f"\n{summary.get('transitions', 0)} steps {pace_in_words}, "
+        f"{summary.get('episodes', 0)} episodes, "
         f"{summary.get('timeouts', 0)} timeouts"
     )
     if summary.get("transitions_dropped"):
         yield f"{summary['transitions_dropped']} transitions were not used for learning"
     for robot, asks in summary.get("asks", {}).items():
         yield f"{robot} asked: " + ", ".join(
-            f"{count} {how}" for how, count in asks.items()
+            f"{count} {outcome}" for outcome, count in asks.items()
         )
 
 

@@ -58,7 +58,7 @@ def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
     names = options.names
     everything = list(groups())
-    known = [name for group, _, some in everything for name in (group, *some)]
+    known = [name for group, _, entries in everything for name in (group, *entries)]
     for name in names:
         if name not in known:
             raise SettingError(
@@ -67,12 +67,14 @@ def execute(options: argparse.Namespace) -> None:
             )
     facts = {}
     parts = []
-    for group, title, some in everything:
+    for group, title, entries in everything:
         chosen = {
-            k: v for k, v in some.items() if not names or group in names or k in names
+            k: v
+            for k, v in entries.items()
+            if not names or group in names or k in names
         }
         if chosen:
-            facts[group] = {name: one.facts for name, one in chosen.items()}
+            facts[group] = {name: entry.facts for name, entry in chosen.items()}
             parts.append("\n".join([title, "", *lines_of(chosen, forms=bool(names))]))
     if not names:
         parts.append(
@@ -91,8 +93,8 @@ def groups() -> Iterator[tuple[str, str, dict[str, Described]]]:
         ("protocol", "Learning", PROTOCOL),
     ):
         yield group, f"{about} ({by_hand})", _entries(SETTINGS[name] for name in names)
-    how = "ROS parameters of the world; options of run and train, where they have one"
-    yield "run", f"A run ({how})", _entries(RUN_SETTINGS.values())
+    where = "ROS parameters of the world; options of run and train, where they have one"
+    yield "run", f"A run ({where})", _entries(RUN_SETTINGS.values())
     yield (
         "drive",
         "Simulated bodies (drive --set NAME=VALUE)",
@@ -102,25 +104,30 @@ def groups() -> Iterator[tuple[str, str, dict[str, Described]]]:
         from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 
         for node, table in PARAMETERS.items():
-            own = (
-                one for name, one in table.items() if one is not RUN_SETTINGS.get(name)
+            settings = (
+                setting
+                for name, setting in table.items()
+                if setting is not RUN_SETTINGS.get(name)
             )
-            yield node, f"The node {node} (ROS parameters)", _entries(own)
+            yield node, f"The node {node} (ROS parameters)", _entries(settings)
     learners = {name: _learner(LEARNERS.find(name)) for name in LEARNERS.names}
     yield "learners", "Learners (--learner NAME)", learners
 
 
 def _entries(settings: Iterable[Setting]) -> dict[str, Described]:
-    return {one.name: _setting(one) for one in settings}
+    return {setting.name: _setting(setting) for setting in settings}
 
 
-def _setting(one: Setting) -> Described:
-    default = one.default if one.default not in ("", [""]) else "none"
-    said = f"{default:g}" if isinstance(default, float) else str(default)
-    said = said.lower() if isinstance(default, bool) else said
+def _setting(setting: Setting) -> Described:
+    default = setting.default if setting.default not in ("", [""]) else "none"
+    default_text = str(default)
+    if isinstance(default, float):
+        default_text = f"{default:g}"
+    if isinstance(default, bool):
+        default_text = default_text.lower()
     lines = []
     facts = []
-    for form in () if isinstance(one.kind, type) else one.kind.forms:
+    for form in () if isinstance(setting.kind, type) else setting.kind.forms:
         ranges = ", ".join(f"{n.name.upper()}: {n.allowed}" for n in form.numbers)
         lines.append(
             f"{form.text}: {form.meaning}" + (f" ({ranges})" if ranges else "")
@@ -129,29 +136,31 @@ def _setting(one: Setting) -> Described:
         facts.append({"form": form.text, "meaning": form.meaning, "numbers": numbers})
     names = ("default", "allowed", "low", "high", "choices")
     plain = {
-        "meaning": one.help,
-        **{name: getattr(one, name) for name in names},
+        "meaning": setting.help,
+        **{name: getattr(setting, name) for name in names},
         "forms": facts,
     }
-    return Described([f"{said}   [{one.allowed}]", one.help], lines, plain)
+    return Described(
+        [f"{default_text}   [{setting.allowed}]", setting.help], lines, plain
+    )
 
 
-def _learner(one: Learner) -> Described:
-    own = ", ".join(f"{key}={value}" for key, value in one.defaults.items())
-    lines = [one.summary, *[f"defaults of its own: {own}"] * bool(own)]
+def _learner(learner: Learner) -> Described:
+    defaults = ", ".join(f"{key}={value}" for key, value in learner.defaults.items())
+    lines = [learner.summary, *[f"defaults of its own: {defaults}"] * bool(defaults)]
     names = ("summary", "asks", "alone", "defaults")
-    return Described(lines, [], {name: getattr(one, name) for name in names})
+    return Described(lines, [], {name: getattr(learner, name) for name in names})
 
 
 def lines_of(entries: dict[str, Described], *, forms: bool) -> Iterator[str]:
     """Write entries, their names first, with or without the forms of their values."""
     indent = max(len(name) for name in entries) + 2
-    for name, one in entries.items():
-        first, *more = one.lines
+    for name, entry in entries.items():
+        first, *more = entry.lines
         texts = [(f"{name:<{indent}}{first}", indent)]
         texts += [(" " * indent + text, indent) for text in more]
         texts += [
-            (" " * (indent + 2) + text, indent + 4) for text in one.forms if forms
+            (" " * (indent + 2) + text, indent + 4) for text in entry.forms if forms
         ]
         for text, further in texts:
             yield from wrap(text, subsequent_indent=" " * further)

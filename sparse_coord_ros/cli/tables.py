@@ -11,7 +11,7 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, save_team
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, save_team
 
 STEP = Setting("step", int, 0, "learning step", low=0)
 
@@ -45,23 +45,23 @@ def execute(options: argparse.Namespace) -> None:
     log = read_run(options.bag)
     common = sorted(set.intersection(*map(set, log.table_steps())))
     time_steps = {log.made_before(step): step for step in common}
-    said: dict[str, Any] = {"bag": options.bag, "steps": list(time_steps)}
-    said["damage"] = log.damage
-    there = ", ".join(map(str, time_steps)) or "none"
-    lines = [f"steps with tables of all robots: {there}"]
+    facts: dict[str, Any] = {"bag": options.bag, "steps": list(time_steps)}
+    facts["damage"] = log.damage
+    steps_in_words = ", ".join(map(str, time_steps)) or "none"
+    lines = [f"steps with tables of all robots: {steps_in_words}"]
     if options.out is not None:
         step = options.step
         if step not in time_steps:
             raise RunError(
                 f"{options.bag}: holds no tables of all robots of step {step}; there are "
-                f"those of: {there}"
+                f"those of: {steps_in_words}"
             )
         out = create_output(options.out)
         save_team(
             out, [log.tables[k, time_steps[step]].memory for k in range(len(log.names))]
         )
         write_whole(out / RUN_FILE, log.run.to_yaml())
-        said |= {"step": step, "directory": out}
+        facts |= {"step": step, "directory": out}
         lines = [f"tables  {out / TEAM_FILE}", f"run     {out / RUN_FILE}"]
     lost = [] if log.damage is None else [log.damage]
-    tell(options, said, *lost, *lines)
+    tell(options, facts, *lost, *lines)

@@ -60,7 +60,7 @@ from sparse_coord_ros.core.runs.run_config import (
     load_run,
     make_run,
 )
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, load_team, save_team
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, load_team, save_team
 from sparse_coord_ros.core.runs.team import Team
 from sparse_coord_ros.core.solve.advice import advice
 from sparse_coord_ros.core.solve.shipped import known_optimum
@@ -311,7 +311,10 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig, bar: Bar) -> str:
 def _save(out: Path, done: Training) -> None:
     done.history.save(out)
     if done.evaluations:
-        rows = [list(done.evaluations[0]), *(one.values() for one in done.evaluations)]
+        rows = [
+            list(done.evaluations[0]),
+            *(evaluation.values() for evaluation in done.evaluations),
+        ]
         text = "".join(f"{','.join(map(str, row))}\n" for row in rows)
         write_whole(out / EVALUATIONS_FILE, text)
     save_team(out, [table.memory for table in done.tables])
@@ -379,17 +382,17 @@ def tips(scenario: Scenario, done: Training) -> list[str]:
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
     left = scenario.discount**moves
-    found = []
+    sentences = []
     if left < FAR:
-        found.append(
+        sentences.append(
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
             f"{percent(left)} of its value there: --set discount=0.99."
         )
     elif str(scenario.starts) == "fixed":
-        found.append(
+        sentences.append(
             "Episodes that always begin at the same cells seldom find a distant goal: "
             f"--set starts={SETTINGS['starts'].default}."
         )
     share = percent(arrived, whole=True)
     ended = f"In the second half of learning {share} of the robots' episodes ended at the goal"
-    return [*found, f"{ended}; learn longer: --steps {10 * scenario.steps}."]
+    return [*sentences, f"{ended}; learn longer: --steps {10 * scenario.steps}."]

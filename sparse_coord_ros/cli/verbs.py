@@ -60,17 +60,19 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse; but unknown words are an error, which suggests the nearest right one."""
-        found, left = super().parse_known_args(args, namespace)
+        known, left = super().parse_known_args(args, namespace)
         if left:
             options = [word.partition("=")[0] for word in left if word.startswith("-")]
-            hints = [did_you_mean(one, self._option_string_actions) for one in options]
+            hints = [
+                did_you_mean(option, self._option_string_actions) for option in options
+            ]
             self.error(f"unrecognized arguments: {' '.join(left)}{''.join(hints)}")
-        return found, left
+        return known, left
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """As argparse; the error suggests the nearest right word."""
         if action.choices is not None and value not in action.choices:
-            known = [str(one) for one in action.choices]
+            known = [str(choice) for choice in action.choices]
             what = f"invalid choice: {value!r}{did_you_mean(str(value), known)}"
             raise argparse.ArgumentError(action, f"{what}; allowed: {', '.join(known)}")
 

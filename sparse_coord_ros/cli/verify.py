@@ -27,23 +27,23 @@ def execute(options: argparse.Namespace) -> int:
     from sparse_coord_ros.log.runlog import verify
 
     with Bar("steps", "reading the bag", quiet=options.json) as bar:
-        found = verify(options.bag, bar.show)
-    log = found.log
-    facts = {name: value for name, value in vars(found).items() if name != "log"}
+        verification = verify(options.bag, bar.show)
+    log = verification.log
+    facts = {name: value for name, value in vars(verification).items() if name != "log"}
     facts["bag"] = log.path
-    facts["step"] = found.first and log.made_before(found.first.step)
-    facts["identical"] = found.same
+    facts["step"] = verification.first and log.made_before(verification.first.step)
+    facts["identical"] = verification.same
     facts["segments"] = log.segments
     facts["damage"] = log.damage
-    tell(options, facts, *_account(found), *_answer(found))
-    if found.undecided is not None:
+    tell(options, facts, *_account(verification), *_answer(verification))
+    if verification.undecided is not None:
         return UNDECIDED
-    return 0 if found.same else 1
+    return 0 if verification.same else 1
 
 
-def _account(found) -> Iterator[str]:
+def _account(verification) -> Iterator[str]:
     """Yield the lines on the run, the amount of computation, and the notes."""
-    log = found.log
+    log = verification.log
     yield str(log.path)
     if log.damage is not None:
         yield log.damage
@@ -53,10 +53,11 @@ def _account(found) -> Iterator[str]:
         f"{len(log.names)} robots"
     )
     yield (
-        f"computed again: {found.steps} steps of the world, {found.choices} actions, "
-        f"{found.updates} updates, {found.tables} recorded tables"
+        f"computed again: {verification.steps} steps of the world, "
+        f"{verification.choices} actions, {verification.updates} updates, "
+        f"{verification.tables} recorded tables"
     )
-    for name, count in found.notes.items():
+    for name, count in verification.notes.items():
         yield f"{name}: {count}"
     if log.run.bodies:
         yield "the robots have bodies: the result of each move is taken from the log"
@@ -65,14 +66,14 @@ def _account(found) -> Iterator[str]:
             yield f"{file}: goes on from the checkpoint of step {log.made_before(step)}"
 
 
-def _answer(found) -> Iterator[str]:
+def _answer(verification) -> Iterator[str]:
     """Yield the lines of the result: identical, differs, or undecided."""
-    if found.same:
+    if verification.same:
         yield "identical: every state, reward, percept, action and table agrees"
         yield f"not compared: {NOT_COMPARED}"
         return
-    step = found.log.made_before(found.first.step)
-    if found.difference is not None:
-        yield f"differs at step {step}: {found.difference}"
+    step = verification.log.made_before(verification.first.step)
+    if verification.difference is not None:
+        yield f"differs at step {step}: {verification.difference}"
     else:
-        yield f"undecided from step {step} on: {found.undecided.why}"
+        yield f"undecided from step {step} on: {verification.undecided.why}"

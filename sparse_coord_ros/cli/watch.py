@@ -84,7 +84,7 @@ def _compare(options: argparse.Namespace) -> None:
     comparison = Comparison(sources, MessageBoard(), rate=options.rate)
     if options.step is not None:
         comparison.show_step(options.step)
-    boards = [one.board for one in sources]
+    boards = [source.board for source in sources]
     with (
         served(options, *boards, comparison.board, index="compare.html"),
         suppress(KeyboardInterrupt),

@@ -187,7 +187,7 @@ class VectorGame(VectorEnv):
         if isinstance(seed, list | tuple):
             allowed = f"{self.num_envs} seeds, one for each game"
             check_argument("seed", seed, len(seed) == self.num_envs, allowed)
-            return [None if one is None else setting.parse(one) for one in seed]
+            return [None if given is None else setting.parse(given) for given in seed]
         first: int = setting.parse(seed)
         most = int(setting.high) - self.num_envs + 1
         allowed = f"at most {most} for {self.num_envs} games"
@@ -369,6 +369,6 @@ class VectorGame(VectorEnv):
 
 def _only(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
     """Return a copy of some rows, and zeros in place of the others."""
-    found = np.zeros_like(rows)
-    found[which] = rows[which]
-    return found
+    chosen = np.zeros_like(rows)
+    chosen[which] = rows[which]
+    return chosen

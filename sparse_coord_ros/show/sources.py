@@ -21,7 +21,7 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY, Bag, bag_files
 from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.reading import find_run, read_run

@@ -63,6 +63,4 @@ def test_an_empty_name_is_not_this_directory(verb, capsys):
         main([verb, ""])
     assert ended.value.code == 2
     line = capsys.readouterr().err
-    assert line.startswith(
-        "error: argument BAG: is empty: give a bag's directory or its file;"
-    )
+    assert line.startswith("error: argument BAG: is empty: give a path;")

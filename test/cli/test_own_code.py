@@ -11,7 +11,7 @@ import yaml
 from teams import memories_equal
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.runs.tables import load_saved
+from sparse_coord_ros.core.runs.saved_tables import load_saved
 
 MODULE = """
 import numpy as np

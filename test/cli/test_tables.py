@@ -12,7 +12,7 @@ from teams import plain_run, tables_equal, tables_in
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.core.runs.tables import pack_tables
+from sparse_coord_ros.core.runs.saved_tables import pack_tables
 from sparse_coord_ros.log.bags import BagWriter
 
 

@@ -6,7 +6,7 @@ import pytest
 from teams import by_agents, memories_equal, tables_equal
 
 from sparse_coord_ros.base.compiling import has_numba
-from sparse_coord_ros.base.errors import PluginError, SettingError
+from sparse_coord_ros.base.errors import PluginError, SettingError, SparseCoordError
 from sparse_coord_ros.core.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import RewardWeights
@@ -102,7 +102,7 @@ def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys):
     assert not uses_numba("auto", rule)
     said = capsys.readouterr().err.splitlines()[-1]
     assert f"learner {rule.label}: runs in plain Python" in said
-    assert "numba cannot compile it" in said
+    assert "numba cannot compile it (its bootstrap, line " in said
     [run] = run_batch(scenario, rule, [3], trials=5, jobs=1)
     assert run.engine == "python"
     assert capsys.readouterr().err == "", "it says so once"
@@ -151,3 +151,43 @@ def test_defaults_of_a_learner_hold_where_nobody_chose():
 def test_credit_of_every_learner(name, settings, weight, learner):
     chosen = load_scenario(name).with_settings(settings)
     assert learner_of(learner).weights(chosen) == RewardWeights(1.0, weight, 1.0)
+
+
+class NoAction(Coop):
+    """Its decide returns nothing."""
+
+    @staticmethod
+    def decide(mind, task, k, step, cell):
+        pass
+
+
+class NoNumber(Coop):
+    """Its bootstrap returns a row."""
+
+    @staticmethod
+    def bootstrap(mind, task, k, cell, now):
+        return mind.q_star[k, cell]
+
+
+class NoShape(Coop):
+    """Its initial returns a row too few."""
+
+    @staticmethod
+    def initial(scenario, robot):
+        mind = Coop.initial(scenario, robot)
+        return mind._replace(q_star=mind.q_star[1:])
+
+
+@pytest.mark.parametrize(
+    ("learner", "words"),
+    [
+        (NoAction, "decide returned None, allowed: an action, 0 to 4"),
+        (NoNumber, "bootstrap returned array"),
+        (NoShape, "initial returned q_star of shape (20, 5)"),
+    ],
+)
+def test_a_hook_that_returns_what_it_must_not_is_named(learner, words):
+    scenario = load_scenario("env1").with_settings(SHORT)
+    with pytest.raises(SparseCoordError) as refused:
+        list(run_batch(scenario, learner, [3], trials=0, engine="python"))
+    assert words in str(refused.value) and "\n" not in str(refused.value)

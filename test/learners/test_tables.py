@@ -11,7 +11,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.run import LearningRun
-from sparse_coord_ros.core.runs.tables import (
+from sparse_coord_ros.core.runs.saved_tables import (
     TEAM_FILE,
     load_saved,
     load_team,

@@ -169,6 +169,11 @@ def test_where_no_pixel_is_free_the_cause_is_named(saved, pixels, fields, words)
         ({"image": "left out"}, "field 'image' is missing"),
         ({"image": ["m.pgm"]}, "setting image: value is"),
         ({"image": "n.pgm"}, "n.pgm: no such image"),
+        (
+            {"image": "maps/m.pgm"},
+            "m.pgm lies beside the YAML file: write 'image: m.pgm'",
+        ),
+        ({"image": "M.PGM"}, "m.pgm lies beside the YAML file: write 'image: m.pgm'"),
         ({"image": "m.yaml"}, "cannot be read as an image (its format is unknown)"),
         ({"image": "a\0b"}, "cannot be read as an image"),
         ({"origin": [0]}, "field 'origin' is [0]"),

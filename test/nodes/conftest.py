@@ -29,7 +29,7 @@ from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.memory import taught
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.history import HistoryRecorder, load_history
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.ros.nodes import parameters
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode

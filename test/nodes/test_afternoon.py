@@ -8,7 +8,7 @@ import pytest
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.runs.run_config import BODIES_SUCCEED, load_run
-from sparse_coord_ros.core.runs.tables import load_team
+from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.core.solve.exact import evaluate_best
 from sparse_coord_ros.ros.nodes.body import BodyNode
 from sparse_coord_ros.ros.nodes.driver import DriverNode

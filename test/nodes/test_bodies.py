@@ -302,6 +302,27 @@ def test_at_their_own_speed(bench, tmp_path):
     assert world.summary()["transitions"] == 5
 
 
+@pytest.mark.parametrize("rate", [0.5, 3.0, 40.0, 1000.0])
+def test_a_body_simulates_so_many_seconds_a_second(bench, rate, monkeypatch):
+    """The parameter `body_rate`."""
+    timers = []
+    made = BodyNode.create_timer
+
+    def create_timer(node, seconds, callback, *more, **how):
+        timers.append((seconds, callback))
+        return made(node, seconds, callback, *more, **how)
+
+    monkeypatch.setattr(BodyNode, "create_timer", create_timer)
+    body = BodyNode(context=bench.place()[0], values={"body_rate": rate})
+    body.begin(make_run(load_scenario("env1"), {}))
+    seconds, tick = timers[-1]
+    before = body.simulator.seconds
+    for _ in range(10):
+        tick()
+    assert (body.simulator.seconds - before) / (10 * seconds) == pytest.approx(rate)
+    body.destroy_node()
+
+
 def test_the_waiting_for_bodies_is_counted_from_their_goals(bench):
     """Else each step adds to it, and a moving team seems to have stopped."""
     world = bench.world(bodies=True)

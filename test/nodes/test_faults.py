@@ -14,7 +14,7 @@ from teams import tables_in
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.runs.history import load_history
-from sparse_coord_ros.core.runs.tables import load_saved, robot_file
+from sparse_coord_ros.core.runs.saved_tables import load_saved, robot_file
 from sparse_coord_ros.protocol.lockstep import timeouts
 from sparse_coord_ros.ros.nodes import follower, recorder, robot, world_simulator
 

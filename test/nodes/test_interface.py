@@ -22,7 +22,7 @@ from visualization_msgs.msg import MarkerArray
 from sparse_coord_ros.base.palette import robot_colour
 from sparse_coord_ros.base.share import share_file
 from sparse_coord_ros.core.runs.run_config import run_from_yaml
-from sparse_coord_ros.core.runs.tables import load_saved, robot_file
+from sparse_coord_ros.core.runs.saved_tables import load_saved, robot_file
 from sparse_coord_ros.protocol.wire.status import values_of
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.show.layouts import foxglove_layout

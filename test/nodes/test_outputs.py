@@ -14,7 +14,7 @@ from sparse_coord_ros.base.errors import RunError, SparseCoordError
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.saved_tables import save_team
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import WORLD
 from sparse_coord_ros.ros.nodes.outputs import Output, begin_with, gather

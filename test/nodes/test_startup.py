@@ -17,7 +17,7 @@ from sparse_coord_ros.base.errors import (
     SettingError,
     TablesError,
 )
-from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.saved_tables import save_team
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide

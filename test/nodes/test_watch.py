@@ -275,11 +275,20 @@ def test_a_page_beside_a_live_team(bench, monkeypatch):
     assert "stopped" not in board.get("notice")["text"]
 
 
-def test_a_team_in_one_process_with_a_page(bench, tmp_path):
+def test_a_team_in_one_process_with_a_page(bench, tmp_path, monkeypatch):
     from sparse_coord_ros.show.page.server import Server
 
     page = Server(MessageBoard(), port=0)
     page.board.pages += 1
+    put = page.board.put
+    states = []
+
+    def noted(kind, **fields):
+        if kind == "frame":
+            states.append(fields["state"])
+        put(kind, **fields)
+
+    monkeypatch.setattr(page.board, "put", noted)
     try:
         values = {
             "scenario": "env1",
@@ -294,6 +303,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         frame = board.get("frame")
         curves = board.get("curves")
         assert frame["state"] == "finished" and frame["made"] == 300
+        assert {*states} > {"finished"}, "it is shown on its way, too"
         history = log.history()
         assert curves["length"] == history.length.tolist()
         assert curves["asks"] == history.asks.T.tolist()

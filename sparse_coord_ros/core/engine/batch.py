@@ -17,6 +17,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import groupby, islice
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,6 +56,11 @@ TELLING = (
     "Untyped global name",
     "Unknown attribute",
     "Cannot",
+    "NameError",
+    "Only accept",
+    "Unsupported",
+    "Use of unsupported",
+    "cannot determine",
 )
 """Beginnings of the lines in which numba says what it cannot compile."""
 
@@ -83,7 +89,7 @@ def run_batch(
         learner: a learner, or its name.
         seeds: one run each.
         cluster: the cluster that computes; None: this machine.
-        how: as of `run_batches`; a cluster's workers choose their number of `jobs` themselves.
+        how: arguments of `run_batches`; on a cluster without `jobs`.
 
     Raises:
         SettingError: numba is asked for and not installed.
@@ -127,19 +133,21 @@ def run_batches(
         history: whether each run comes with its learning history.
 
     Raises:
-        SettingError, RunError: as of `run_batch`.
+        SettingError, RunError: as for `run_batch`.
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     work_of: Counter[type[Learner]] = Counter()
-    for one in batches:
-        work_of[one.learner.rule] += _work_of(one, trials)
+    for batch in batches:
+        work_of[batch.learner.rule] += _work_of(batch, trials)
 
-    def how_to_compute(one: Batch) -> str:
-        if not uses_numba(engine, one.learner):
+    def how_to_compute(batch: Batch) -> str:
+        if not uses_numba(engine):
             return "processes"
-        rule = one.learner
+        rule = batch.learner
         quick = is_loaded(learner=rule) or pays_to_compile(work_of[rule.rule], rule)
-        return "threads" if engine == "numba" or quick else "here"
+        if not quick and engine != "numba":
+            return "here"
+        return "threads" if uses_numba(engine, rule) else "processes"
 
     for how, group in groupby(batches, how_to_compute):
         same = list(group)
@@ -147,13 +155,13 @@ def run_batches(
             yield from _in_threads(same, trials, jobs, history)
             continue
         work = [
-            (one.scenario, one.learner, s, trials, history)
-            for one in same
-            for s in one.seeds
+            (batch.scenario, batch.learner, seed, trials, history)
+            for batch in same
+            for seed in batch.seeds
         ]
-        found = all(map(_is_found_elsewhere, same))
-        if how == "here" or jobs == 1 or len(work) == 1 or not found:
-            yield from (_run_plain(*one) for one in work)
+        found_elsewhere = all(map(_is_found_elsewhere, same))
+        if how == "here" or jobs == 1 or len(work) == 1 or not found_elsewhere:
+            yield from (_run_plain(*arguments) for arguments in work)
         else:
             yield from in_processes(_run_plain, work, jobs)
 
@@ -276,12 +284,30 @@ def _compiles(learner: Learner) -> bool:
 
 
 def _reason(error: PluginError) -> str:
-    """Return numba's innermost reason, the last line of its message that tells."""
-    lines = [line.strip() for line in str(error.__cause__).splitlines()]
+    """Return where numba fails, its reason, and what to change: one line of its long message.
+
+    The place is the user's hook that it compiled last, and the last line outside of numba and of
+    this package. The reason is the last line that tells one.
+    """
+    text = str(error.__cause__)
+    place = [
+        f"its {name}"
+        for name in re.findall(r"Function\(<function \S+\.(\w+) at", text)[-1:]
+    ]
+    files = re.findall(r"During: typing of .* at (\S+) \((\d+)\)", text)
+    package = str(Path(__file__).parents[2])
+    own = [
+        line for file, line in files if package not in file and "/numba/" not in file
+    ]
+    place += [f"line {line}" for line in own[-1:]]
+    lines = [line.strip() for line in text.splitlines()]
     reasons = [line for line in lines if line.startswith(TELLING)]
-    if not reasons:
-        return type(error.__cause__).__name__
-    return re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
+    reason = type(error.__cause__).__name__
+    if reasons:
+        reason = re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
+    where = f"{', '.join(place)}: " if place else ""
+    allowed = "index arrays, compute, and call functions marked by @sc.rules.jitable"
+    return f"{where}{reason[:120]}; it may {allowed}"
 
 
 def _run_plain(
@@ -294,12 +320,14 @@ def _run(team: Team, seed: int, trials: int, gathering: bool) -> Training:
     """Learn for the scenario's budget, and evaluate the learned tables."""
     learning = LearningRun(team, seed)
     learning.advance(team.scenario.steps)
-    found = result_of(learning, history=gathering)
+    training = result_of(learning, history=gathering)
     if not trials:
-        return found
+        return training
     if is_quick(team.scenario):
-        return replace(found, measures=evaluate_exact(team.scenario, found.tables))
-    return replace(found, measures=learning.play(trials))
+        return replace(
+            training, measures=evaluate_exact(team.scenario, training.tables)
+        )
+    return replace(training, measures=learning.play(trials))
 
 
 def result_of(learning: LearningRun, *, history: bool = True) -> Training:
@@ -329,7 +357,7 @@ def prepare(learner: str | Learner, *, engine: str = "auto") -> None:
 
     Args:
         learner: a learner, or its name.
-        engine: as of `run_batch`.
+        engine: as for `run_batch`.
 
     Raises:
         SettingError: numba is asked for and not installed.

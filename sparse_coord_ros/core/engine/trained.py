@@ -17,7 +17,7 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.core.runs.measures import Measures
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output, make_run
-from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.saved_tables import save_team
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ class Training:
             SettingError: other processes cannot find its perception model, a function.
         """
         run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
-        said = run.to_yaml()
+        text = run.to_yaml()
         folder = create_output(path_argument("directory", directory))
         try:
-            write_whole(folder / RUN_FILE, said)
+            write_whole(folder / RUN_FILE, text)
             save_team(folder, [table.memory for table in self.tables])
             self.history.save(folder)
         except BaseException as error:

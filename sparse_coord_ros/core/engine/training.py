@@ -174,7 +174,7 @@ def train(
 
 @dataclass
 class _RunUnderWay:
-    """A run under way; `evaluations` so far, other arguments as of `train`."""
+    """A run under way; `evaluations` so far, other arguments as in `train`."""
 
     learning: LearningRun
     evaluate_every: int
@@ -248,20 +248,19 @@ class _RunUnderWay:
         if watcher is None:
             return None
         following = learning.done + 1
-        apart = (
-            following == learning.scenario.steps or not every or following % every != 0
-        )
-        transition = (
-            learning.make_transition() if apart and watcher.wants_transition else None
-        )
+        evaluated = every and following % every == 0
+        apart = following == learning.scenario.steps or not evaluated
+        transition = None
+        if apart and watcher.wants_transition:
+            transition = learning.make_transition()
         return watcher.look(learning, transition)
 
     def _save(self) -> None:
         """Write the checkpoint, where one is wanted."""
         if self.checkpoint is not None:
             run = self.learning
-            found = tuple(self.evaluations), self.evaluate_every, self.trials
-            saved = Checkpoint(run.state(), *found)
+            evaluations = tuple(self.evaluations), self.evaluate_every, self.trials
+            saved = Checkpoint(run.state(), *evaluations)
             saved.save(self.checkpoint, run.scenario, run.learner, run.seed)
 
 

@@ -27,7 +27,7 @@ from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.checkpoint_bytes import position_arrays, positions_from
 from sparse_coord_ros.core.runs.history import history_from
 from sparse_coord_ros.core.runs.run import LearningState
-from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
+from sparse_coord_ros.core.runs.saved_tables import memory_from, saved_arrays
 from sparse_coord_ros.core.runs.team import groups_of
 
 CHECKPOINT_FILE = "checkpoint.npz"
@@ -39,7 +39,7 @@ class Checkpoint:
 
     Attributes:
         state: where it is.
-        evaluations: those so far, as of `Training`.
+        evaluations: those so far, as in `Training`.
         evaluate_every: transitions between two of them; 0: none.
         trials: of each of them.
     """
@@ -78,8 +78,10 @@ def load_checkpoint(
     if not path.exists():
         remedy = "only a run that was interrupted can be resumed"
         raise RunError(f"{path}: there is no such file; {remedy}")
-    said = f"learner {learner.label}, seed {seed}"
-    arrays = checkpoint_bytes.read(path, run_digest(scenario, learner, seed), said=said)
+    run_in_words = f"learner {learner.label}, seed {seed}"
+    arrays = checkpoint_bytes.read(
+        path, run_digest(scenario, learner, seed), run_in_words=run_in_words
+    )
     robots = len(scenario.robots)
     groups = len(groups_of(scenario, learner))
     try:
@@ -104,5 +106,5 @@ def _memory(
 
 def run_digest(scenario: Scenario, learner: Learner, seed: int) -> str:
     """Return a digest of a run's computation."""
-    said = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()[:16]
+    content = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:16]

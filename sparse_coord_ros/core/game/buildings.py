@@ -45,12 +45,12 @@ def building(name: str) -> dict[str, Any] | None:
     Raises:
         ScenarioError: no building has these numbers.
     """
-    found = re.fullmatch(
+    match = re.fullmatch(
         "building-{0}x{0}x{0}-{0}r-{0}".format("(0|[1-9][0-9]{,8})"), name
     )
-    if found is None:
+    if match is None:
         return unseen(name)
-    b = _Building(*map(int, found.groups()))
+    b = _Building(*map(int, match.groups()))
     robots, sizes = MOST
     rooms = b.rooms * b.rows
     fits = (
@@ -75,11 +75,12 @@ def _made(b: _Building) -> dict[str, Any]:
     draw = random.Random(f"building {b.rooms} {b.rows} {b.size} {b.robots} {b.seed}")
     grid, rooms = _plan(b, draw)
     pairs = _starts_and_goals(b, rooms, draw)
-    said = f"rooms {b.rooms}, rows {b.rows}, size {b.size}, robots {b.robots}, seed {b.seed}"
+    description = f"rooms {b.rooms}, rows {b.rows}, size {b.size}"
+    description += f", robots {b.robots}, seed {b.seed}"
     name = f"building-{b.rooms}x{b.rows}x{b.size}-{b.seed}"
     steps = TRIAL * _longest_path(grid, pairs)
     longer = {"horizon": steps, "max_steps": steps} if steps > 100 else {}
-    return generated(name, said, grid, pairs, **longer)
+    return generated(name, description, grid, pairs, **longer)
 
 
 def _plan(b: _Building, draw: random.Random) -> tuple[list[str], list[list[Cell]]]:
@@ -153,9 +154,9 @@ def _starts_and_goals(
     for _ in range(building.robots):
         # The fullest rooms first, so that two different rooms have free places until the end.
         order = sorted(free, key=lambda room: (-len(free[room]), draw.random()))
-        one = order[0]
+        first = order[0]
         other = order[1 + draw.randrange(len(order) - 1)]
         other = other if free[other] else order[1]
-        start, goal = (one, other) if draw.random() < 0.5 else (other, one)
+        start, goal = (first, other) if draw.random() < 0.5 else (other, first)
         pairs.append((free[start].pop(), free[goal].pop()))
     return pairs

@@ -174,7 +174,7 @@ class GridMap:
         rows, columns = self.shape
         # walls around
         number = np.full((rows + 2, columns + 2), UNREACHABLE, dtype=np.int64)
-        r, c = (place + 1 for place in self.places.T)
+        r, c = (coordinate + 1 for coordinate in self.places.T)
         number[r, c] = np.arange(len(r))
         after = np.stack([number[r + dr, c + dc] for dr, dc in DIRECTIONS], axis=1)
         return np.where(after == UNREACHABLE, np.arange(len(r))[:, None], after)
@@ -195,12 +195,12 @@ class GridMap:
     def to_text(self) -> str:
         """Return the map as the text of a map file; `parse_map` reads it back."""
         texts = {name: getattr(self, name) for name in HEADER_TEXTS}
-        said: dict[str, Any] = {name: text for name, text in texts.items() if text}
+        fields: dict[str, Any] = {name: text for name, text in texts.items() if text}
         if self.resolution is not None:
-            said |= {"resolution": self.resolution, "origin": list(self.origin)}
+            fields |= {"resolution": self.resolution, "origin": list(self.origin)}
         if self.radius:
-            said["radius"] = self.radius
-        header = to_yaml(said) if said else ""
+            fields["radius"] = self.radius
+        header = to_yaml(fields) if fields else ""
         return header + "---\n" + "\n".join(self.rows) + "\n"
 
 
@@ -324,11 +324,11 @@ def _octile(lines: list[str], name: str, where: str) -> GridMap:
             what = f"map {where}, line {number}: unknown symbol {unknown[0]!r}"
             raise MapError(f"{what}; allowed: {' '.join(OCTILE_SIGNS)}")
     size = {"height": len(rows), "width": max(map(len, rows), default=0)}
-    for key, found in size.items():
-        said = sizes.get(key, "missing").strip()
-        if said != str(found):
+    for key, count in size.items():
+        given = sizes.get(key, "missing").strip()
+        if given != str(count):
             raise MapError(
-                f"map {where}: {key} is {said}, but the grid's is {found}; mend it"
+                f"map {where}: {key} is {given}, but the grid's is {count}; mend it"
             )
     signs = str.maketrans(OCTILE_SIGNS)
     grid = tuple(row.translate(signs) for row in rows)
@@ -350,21 +350,21 @@ def _header(text: str, where: str) -> dict[str, Any]:
                 f"map {where}: unknown header key {key!r}{did_you_mean(str(key), allowed)}; "
                 f"allowed: {', '.join(allowed)}"
             )
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for key, value in header.items():
         if key in numbers:
-            found[key] = number_of(
+            fields[key] = number_of(
                 value, *numbers[key], f"map {where}: header key {key!r}"
             )
         elif key == "origin":
-            found[key] = pose_of(value, f"map {where}: header key 'origin'")
+            fields[key] = pose_of(value, f"map {where}: header key 'origin'")
         else:
-            found[key] = str(value or "").strip()
-    if "origin" in found and "resolution" not in found:
+            fields[key] = str(value or "").strip()
+    if "origin" in fields and "resolution" not in fields:
         raise MapError(
             f"map {where}: has an origin and no resolution; give the metres a cell"
         )
-    return found
+    return fields
 
 
 def pose_of(value: object, what: str) -> Pose:
@@ -381,7 +381,7 @@ def pose_of(value: object, what: str) -> Pose:
         raise MapError(
             f"{what} is {in_short(value)}, allowed: [x, y, yaw] in metres, radians"
         )
-    numbers = [number_of(one, -FURTHEST, FURTHEST, what) for one in value]
+    numbers = [number_of(number, -FURTHEST, FURTHEST, what) for number in value]
     yaw = math.remainder(numbers[2], math.tau) if len(numbers) == 3 else 0.0
     return Pose(numbers[0], numbers[1], yaw if abs(yaw) > LEVEL else 0.0)
 

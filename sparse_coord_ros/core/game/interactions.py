@@ -106,21 +106,21 @@ def check_only_together(scenario: Scenario, what: str, remedy: str) -> None:
         )
 
 
-def _where(scenario: Scenario, place: str) -> list[int]:
+def _where(scenario: Scenario, variant: str) -> list[int]:
     """Return the cells in which a kind of interaction holds, goals included, ascending."""
-    if place == "anywhere":
+    if variant == "anywhere":
         return list(range(len(scenario.map.cells)))
     return sorted(scenario.map.doorways)
 
 
-def _places(scenario: Scenario, place: str | None) -> np.ndarray:
-    """Return the meeting place of each cell; `place` is None where there is none."""
+def _places(scenario: Scenario, variant: str | None) -> np.ndarray:
+    """Return the meeting place of each cell; `variant` is None where there is none."""
     places = np.full(len(scenario.map.cells) + 1, NOWHERE, dtype=np.int64)
-    if place is None:
+    if variant is None:
         return places
-    cells = _where(scenario, place)
-    places[cells] = 0 if place == "any_doorway" else cells
-    if place == "anywhere":
+    cells = _where(scenario, variant)
+    places[cells] = 0 if variant == "any_doorway" else cells
+    if variant == "anywhere":
         places[[robot.goal for robot in scenario.robots]] = NOWHERE
     return places
 
@@ -222,9 +222,9 @@ def partners(inter: Interactions, before: Any, wanted: Any, after: Any, k: int) 
     y = after[k]
     place = inter.places[y]
     stopped = y != wanted[k]
-    found = 0
+    mask = 0
     if place == NOWHERE and not inter.swaps and not stopped:
-        return found
+        return mask
     for j in range(len(after)):
         if j == k:
             continue
@@ -236,8 +236,8 @@ def partners(inter: Interactions, before: Any, wanted: Any, after: Any, k: int) 
         if stopped:
             interacts |= stops(wanted[k], y, z, w, True)
         if interacts:
-            found |= 1 << j
-    return found
+            mask |= 1 << j
+    return mask
 
 
 # Many steps at once.
@@ -285,10 +285,12 @@ def miscoordinations(
     Returns:
         Shape (N,), bool.
     """
-    found = np.zeros(after.shape[1], dtype=bool)
+    happened = np.zeros(after.shape[1], dtype=bool)
     places = inter.places[after]
     for k, j in combinations(range(len(after)), 2):
-        found |= together(places[k], places[j])
+        happened |= together(places[k], places[j])
         if inter.swaps:
-            found |= exchanged(inter.passages, before[k], after[k], before[j], after[j])
-    return found
+            happened |= exchanged(
+                inter.passages, before[k], after[k], before[j], after[j]
+            )
+    return happened

@@ -113,7 +113,7 @@ class Outcome(NamedTuple):
     """Rewards and ends.
 
     Attributes:
-        reward: as of `rules.paid_for_ever`, float64 [i][k].
+        reward: what a step pays, a goal's for ever, float64 [i][k].
         terminated: whether all robots have arrived with this step, bool [i].
         truncated: whether the steps are used up with this step, bool [i].
     """
@@ -131,8 +131,8 @@ def room_for_games(
     Args:
         scenario: the problem.
         games: number of games.
-        phase: LEARNING or EVALUATION, as of `World`.
-        in_halves: as of `Games`.
+        phase: LEARNING or EVALUATION.
+        in_halves: as in `Games`.
     """
     team = len(scenario.robots)
     exploring = np.zeros(1)

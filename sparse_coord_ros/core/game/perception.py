@@ -109,11 +109,12 @@ def named_model(model: PerceptionModel) -> str:
             perception_model(model)
         MODELS.register(path, model)
         return path
-    own = str(getattr(model, "__name__", ""))
-    own = own if own.isidentifier() and own.isascii() else "model"
-    numbered = (f"{own}_{number}" for number in itertools.count(2))
+    base = str(getattr(model, "__name__", ""))
+    if not (base.isidentifier() and base.isascii()):
+        base = "model"
+    numbered = (f"{base}_{number}" for number in itertools.count(2))
     name = next(
-        one for one in itertools.chain([own], numbered) if one not in MODELS.names
+        name for name in itertools.chain([base], numbered) if name not in MODELS.names
     )
     _HERE_ALONE[name] = MODELS.register(name, model)
     return name
@@ -125,10 +126,10 @@ _HERE_ALONE: dict[str, PerceptionModel] = {}
 
 def _lies_at(model: PerceptionModel, path: str) -> bool:
     """True if `module:function` leads to this very function."""
-    found: object = sys.modules.get(model.__module__)
+    member: object = sys.modules.get(model.__module__)
     for part in path.partition(":")[2].split("."):
-        found = getattr(found, part, None)
-    return found is model
+        member = getattr(member, part, None)
+    return member is model
 
 
 def check_found_elsewhere(model: Spec) -> None:
@@ -164,7 +165,7 @@ class PerceptionFamily(SpecFamily):
         return f"{super().usage}, or one of your own as module:function"
 
     def parse(self, value: object) -> Any:
-        """Read a model with its numbers; errors as of `SpecFamily.parse`.
+        """Read a model with its numbers; errors as in `SpecFamily.parse`.
 
         A model whose code may not be imported stays a name; its first use raises an error.
 
@@ -233,15 +234,15 @@ def sight_of(model: Spec, grid: GridMap) -> Sight:
     if not is_shipped(function):
         check_pairs(grid, f"with {name}, a table of all pairs", MOST_PERCEPTS)
     with failing_as(name, f"it looked at map {grid.name}"):
-        found = function(grid, *model.numbers)
-    if isinstance(found, Sight):
-        return found
+        made = function(grid, *model.numbers)
+    if isinstance(made, Sight):
+        return made
     with suppress(TypeError, ValueError):
-        matrix = np.ascontiguousarray(found, dtype=np.float64)
+        matrix = np.ascontiguousarray(made, dtype=np.float64)
         if matrix.shape == (cells, cells) and ((matrix >= 0) & (matrix <= 1)).all():
             return sight.tabled(grid, matrix)
     raise SettingError(
-        f"{name}: returned {' '.join(in_short(found).split())}, allowed: probabilities from 0 to "
+        f"{name}: returned {' '.join(in_short(made).split())}, allowed: probabilities from 0 to "
         f"1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
     )
 
@@ -278,7 +279,7 @@ def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int,
 
 @jitable
 def drawn_peer(number: int, robots: int, draw: float) -> int:
-    """Return the one peer that a robot asks; arguments as of `asked_peers`. Loops compile it."""
+    """Return the one peer that a robot asks; arguments as in `asked_peers`. Loops compile it."""
     peer = int(draw * (robots - 1))
     return peer + 1 if peer >= number else peer
 

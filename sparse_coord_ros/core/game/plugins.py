@@ -144,9 +144,9 @@ class Registry(Generic[T]):
 
         Packages in the current directory do not count: the folder may be a stranger's.
         """
-        places = [place for place in sys.path if place and not _is_here(place)]
-        for one in distributions(path=places):
-            yield from one.entry_points.select(group=self.group)
+        places = [path for path in sys.path if path and not _is_here(path)]
+        for distribution in distributions(path=places):
+            yield from distribution.entry_points.select(group=self.group)
 
     @property
     def registered(self) -> Mapping[str, T]:
@@ -195,21 +195,21 @@ class Registry(Generic[T]):
                 f"parameter allow, or allow={module!r} in Python"
             )
         with _current_directory():
-            found = self._imported(name, module, attribute)
-        return self.register(name, found)
+            thing = self._imported(name, module, attribute)
+        return self.register(name, thing)
 
     def barred(self, name: str) -> bool:
         """True if a name stands for code that is not allowed to be imported."""
         module = name.partition(":")[0] + "."
         known = name in self._known or any(
-            module.startswith(f"{one}.") for one in allowed()
+            module.startswith(f"{module_allowed}.") for module_allowed in allowed()
         )
         return is_path(name) and not known
 
     def _imported(self, name: str, module: str, attribute: str) -> object:
-        found: object
+        thing: object
         try:
-            found = importlib.import_module(module)
+            thing = importlib.import_module(module)
         except (
             Exception,
             SystemExit,
@@ -221,10 +221,10 @@ class Registry(Generic[T]):
             raise PluginError(f"{what}; mend it, and call again") from error
         try:
             for part in attribute.split("."):
-                found = getattr(found, part)
+                thing = getattr(thing, part)
         except AttributeError as error:
             raise self._missing(name, error) from None
-        return found
+        return thing
 
     def _missing(self, name: str, error: BaseException) -> SettingError:
         problem = message_of(error) or type(error).__name__
@@ -297,13 +297,13 @@ def _problem(error: BaseException) -> str:
     theirs = [
         f for f in traceback.extract_tb(error.__traceback__) if not _is_ours(f.filename)
     ]
-    place = (
+    where = (
         f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})"
         if theirs
         else ""
     )
     text = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
-    return f"{text}{place}"
+    return f"{text}{where}"
 
 
 def _is_ours(name: str) -> bool:
@@ -313,8 +313,8 @@ def _is_ours(name: str) -> bool:
     return Path(name).is_relative_to(Path(__file__).parents[2])
 
 
-def _is_here(place: str) -> bool:
-    return os.path.exists(place) and os.path.samefile(place, ".")
+def _is_here(path: str) -> bool:
+    return os.path.exists(path) and os.path.samefile(path, ".")
 
 
 @contextmanager

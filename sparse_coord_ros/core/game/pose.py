@@ -70,9 +70,10 @@ class Squares(NamedTuple):
         return np.array([self.corner.absolute(*corner) for corner in corners])
 
 
-def metres(place: Sequence[float]) -> str:
+def metres(position: Sequence[float]) -> str:
     """Return the (x, y) of a place in metres as text, to the centimetre."""
-    x, y = (round(float(one), 2) + 0.0 for one in place[:2])  # never -0
+    # `+ 0.0` makes -0 a 0.
+    x, y = (round(float(coordinate), 2) + 0.0 for coordinate in position[:2])
     return f"{x:.12g},{y:.12g}"
 
 

@@ -194,7 +194,7 @@ def paid_for_ever(
     Args:
         problem: the scenario.
         arrives: whether the robot arrives with this step.
-        common: r^C of the step, as of `rewards_of`.
+        common: r^C of the step.
         ask_cost: minus the cost of asking, likewise.
     """
     goal = problem.goal_total if arrives else 0.0

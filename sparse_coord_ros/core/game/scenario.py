@@ -255,12 +255,14 @@ class Scenario:
     def label(self) -> str:
         """Its name, and each setting that differs from its default: `env1, penalty=-20`."""
         defaults = SETTINGS.defaults()
-        own = {
+        changed = {
             n: v
             for n, v in self.plain_settings.items()
             if getattr(self, n) != defaults[n]
         }
-        return ", ".join([self.name, *(f"{n}={as_text(v)}" for n, v in own.items())])
+        return ", ".join(
+            [self.name, *(f"{n}={as_text(v)}" for n, v in changed.items())]
+        )
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -307,7 +309,7 @@ class Scenario:
 
     @property
     def sparse(self) -> bool:
-        """True if Q^C has too many joint states for an array, as of `is_sparse`."""
+        """True if Q^C has too many joint states for an array."""
         return is_sparse(len(self.map.cells), self.perceived)
 
     def with_settings(
@@ -351,13 +353,13 @@ class Scenario:
         """
         robots = self._places()
         for field_name, places in (("start", starts), ("goal", goals)):
-            for name, place in (places or {}).items():
+            for name, cell in (places or {}).items():
                 if name not in robots:
                     what = f"has no robot {name!r}{did_you_mean(name, robots)}"
                     raise ScenarioError(
                         f"scenario {self.name}: {what}; allowed: {', '.join(robots)}"
                     )
-                robots[name][field_name] = place
+                robots[name][field_name] = cell
         where = f"scenario {self.name}"
         return replace(self, robots=_robots(robots, self.map, where))
 
@@ -456,7 +458,7 @@ def load_scenario(
         name: the name of a shipped scenario or of a generated building (`core.game.buildings`), or
             the path of a scenario file.
         allow: modules that the file may name, for the user's own perception models.
-        **settings: settings to change, as of `Scenario.with_settings`.
+        **settings: settings to change.
 
     Raises:
         ScenarioError: the scenario does not exist, or it is malformed.
@@ -497,8 +499,8 @@ def _no_scenario(name: str, path: Path) -> str:
     if path.is_dir():
         return f"is a folder; {remedy}"
     if name in map_names():
-        found = ", ".join(scenarios_by_map().get(name, ["none"]))
-        return f"is a map; scenarios on it: {found}"
+        scenarios = ", ".join(scenarios_by_map().get(name, ["none"]))
+        return f"is a map; scenarios on it: {scenarios}"
     known = scenario_names()
     hint = did_you_mean(name, known)
     return f"no such scenario{hint}; {remedy} or one of: {', '.join(known)}"
@@ -506,10 +508,10 @@ def _no_scenario(name: str, path: Path) -> str:
 
 def scenarios_by_map() -> dict[str, list[str]]:
     """Return the names of the shipped scenarios on each shipped map that has some."""
-    found: dict[str, list[str]] = {}
+    by_map: dict[str, list[str]] = {}
     for name in scenario_names():
-        found.setdefault(load_scenario(name).map.name, []).append(name)
-    return found
+        by_map.setdefault(load_scenario(name).map.name, []).append(name)
+    return by_map
 
 
 def _refuse_map(text: str, path: Path) -> None:

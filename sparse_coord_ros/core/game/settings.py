@@ -166,15 +166,15 @@ def tables_from_yaml(path: Path) -> dict[str, SettingTable]:
 
     The default's type is the kind. The key `shared` holds YAML anchors.
     """
-    said: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))
-    said.pop("shared")
-    for table in said.values():
-        for name, one in table.items():
-            choices = tuple(one.get("choices", ()))
+    tables: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    tables.pop("shared")
+    for table in tables.values():
+        for name, entry in table.items():
+            choices = tuple(entry.get("choices", ()))
             table[name] = Setting(
-                name, type(one["default"]), **{**one, "choices": choices}
+                name, type(entry["default"]), **{**entry, "choices": choices}
             )
-    return {name: SettingTable(table.values()) for name, table in said.items()}
+    return {name: SettingTable(table.values()) for name, table in tables.items()}
 
 
 def setting(
@@ -188,19 +188,20 @@ def setting(
         kind: what reads its values; None: they are of the field's type.
         limits: `low`, `high` and `choices` of `Setting`.
     """
-    said = {"default": default, "help": help, "kind": kind, **limits}
+    metadata = {"default": default, "help": help, "kind": kind, **limits}
     return field(
-        default=default if kind is None else kind.parse(default), metadata=said
+        default=default if kind is None else kind.parse(default), metadata=metadata
     )
 
 
 def settings_of(dataclass_type: type) -> SettingTable:
     """Return the settings among the fields of a dataclass, in their order."""
-    found: list[tuple[str, Any, dict[str, Any]]] = [
+    rows: list[tuple[str, Any, dict[str, Any]]] = [
         (f.name, f.type, dict(f.metadata)) for f in fields(dataclass_type) if f.metadata
     ]
     return SettingTable(
-        Setting(n, said.pop("kind") or kind, **said) for n, kind, said in found
+        Setting(n, metadata.pop("kind") or kind, **metadata)
+        for n, kind, metadata in rows
     )
 
 

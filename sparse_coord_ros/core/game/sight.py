@@ -161,17 +161,17 @@ def probabilities_between(sight: Sight, cells: np.ndarray) -> np.ndarray:
     if sight.kind == CONSTANT:
         return np.full((n, n), sight.constant)
     if sight.kind == TABLE:
-        found: np.ndarray = sight.table[np.ix_(cells, cells)]
-        return found
+        probabilities: np.ndarray = sight.table[np.ix_(cells, cells)]
+        return probabilities
     if sight.kind == RANGE:
         rows, columns = sight.places[cells].T
         apart = (rows[:, None] - rows) ** 2 + (columns[:, None] - columns) ** 2
         return np.asarray(apart <= sight.reach, dtype=np.float64)
-    found = np.eye(n)
+    probabilities = np.eye(n)
     views = viewed(sight)
     numbers = cells.tolist()
     for i, x in enumerate(numbers):
         for j, z in enumerate(numbers[:i]):
             seen = probability(views, x, z)
-            found[i, j] = found[j, i] = seen
-    return found
+            probabilities[i, j] = probabilities[j, i] = seen
+    return probabilities

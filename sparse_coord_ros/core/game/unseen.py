@@ -38,7 +38,7 @@ class Building(NamedTuple):
 
 def generated(
     name: str,
-    said: str,
+    description: str,
     rows: Iterable[str],
     pairs: Iterable[tuple[Cell, Cell]],
     **settings: float | str,
@@ -47,12 +47,12 @@ def generated(
 
     Args:
         name: the map's name.
-        said: the building's description, for its title.
+        description: the building's description, for its title.
         rows: its symbols, a text for each row.
         pairs: start and goal of each robot.
         settings: of the scenario.
     """
-    header = f"title: a generated building ({said})\nsource: generated\n"
+    header = f"title: a generated building ({description})\nsource: generated\n"
     text = header + "provenance: no building of the world\n---\n" + "\n".join(rows)
     robots = {
         f"robot_{k}": {"start": list(start), "goal": list(goal)}
@@ -72,10 +72,10 @@ def unseen(name: str) -> dict[str, Any] | None:
     teams = "|".join(map(str, TEAMS))
     versions = "|".join(VERSIONS)
     seed = "(0|[1-9][0-9]{0,8})"
-    found = re.fullmatch(f"(?:{versions})-({kinds})-({teams})r-{seed}", name)
-    if found is None:
+    match = re.fullmatch(f"(?:{versions})-({kinds})-({teams})r-{seed}", name)
+    if match is None:
         return None
-    kind, team, _ = found.groups()
+    kind, team, _ = match.groups()
     robots = int(team)
     draw = random.Random(name)
     plan = KINDS[kind](draw, robots > 2)
@@ -111,11 +111,11 @@ def _places(
         for k in range(robots):
             # Every other robot goes the other way.
             if k % 2 == 0:
-                one, other = draw.sample(range(len(plan.parts)), 2)
+                first, second = draw.sample(range(len(plan.parts)), 2)
             else:
-                one, other = other, one
-            starts.append(draw.choice(plan.parts[one]))
-            goals.append(draw.choice(plan.parts[other]))
+                first, second = second, first
+            starts.append(draw.choice(plan.parts[first]))
+            goals.append(draw.choice(plan.parts[second]))
         if len(set(starts)) == len(set(goals)) == robots:
             return starts, goals
 
@@ -168,9 +168,9 @@ def _rooms(draw: random.Random, large: bool) -> Building:
     for i in range(high):
         for j in range(wide):
             parts.append(_carve(grid, tops[i], lefts[j], heights[i], widths[j]))
-    for one, other, along in _joined_rooms(draw, high, wide):
-        i, j = divmod(one, wide)
-        if other == one + 1:
+    for room, other, along in _joined_rooms(draw, high, wide):
+        i, j = divmod(room, wide)
+        if other == room + 1:
             grid[tops[i] + along % heights[i]][lefts[j] + widths[j]] = DOORWAY
         else:
             grid[tops[i] + heights[i]][lefts[j] + along % widths[j]] = DOORWAY
@@ -190,15 +190,15 @@ def _joined_rooms(
     walls += [(room, room + wide) for room in range((high - 1) * wide)]
     draw.shuffle(walls)
     connected = list(rooms)  # rooms of the same number are connected
-    for one, other in walls:
+    for room, other in walls:
         extra = draw.random() < EXTRA_DOORWAY
         along = draw.randrange(1000)
-        new = connected[one]
+        new = connected[room]
         old = connected[other]
         if new == old and not extra:
             continue
         connected = [new if number == old else number for number in connected]
-        yield one, other, along
+        yield room, other, along
 
 
 def _loop(draw: random.Random, large: bool) -> Building:

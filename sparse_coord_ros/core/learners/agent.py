@@ -39,7 +39,7 @@ class Decision(NamedTuple):
     """An agent's choice at a time step, before active perception.
 
     Attributes:
-        action: A_k(t), as of `core.game.actions`.
+        action: A_k(t): a move, or COORDINATE.
         peers: the agents to ask where the action is COORDINATE, in ascending order; else none.
     """
 
@@ -292,9 +292,9 @@ class Agent:
         cells[self.number] = cell
         seen = 0
         if perceived is not None:
-            for peer, place in zip(peers, perceived, strict=True):
+            for peer, peer_cell in zip(peers, perceived, strict=True):
                 seen |= 1 << peer
-                cells[peer] = place
+                cells[peer] = peer_cell
         return seen, cells
 
 

@@ -239,8 +239,8 @@ def differs(sample: Any, value: float) -> bool:
         return False
     square = sample[SUM] * sample[SUM]
     spread = WINDOW * sample[SQUARES] - square
-    found = bool(square * (WINDOW - 1) > T_CRITICAL * T_CRITICAL * spread)
-    sample[COUNT] = MARKED if found else 0.0
+    significant = bool(square * (WINDOW - 1) > T_CRITICAL * T_CRITICAL * spread)
+    sample[COUNT] = MARKED if significant else 0.0
     sample[SUM] = 0.0
     sample[SQUARES] = 0.0
-    return found
+    return significant

@@ -45,7 +45,7 @@ class Hysteretic(NonCoop):
 def hysteretic_update(
     mind: Any, task: Task, k: int, now: Transition, after: float, share: float
 ) -> None:
-    """Update Q*; `share` is beta / alpha, other arguments as of `learn`."""
+    """Update Q*; `share` is beta / alpha, other arguments as in `learn`."""
     values = mind.q_star[k, now.cell]
     updates = mind.updates[k, now.cell]
     count = int(updates[now.action]) + 1

@@ -68,11 +68,11 @@ class Joint(Learner):
                 "peers_seen out"
             )
         sees = scenario.perception.kind == "always"
-        if len(scenario.robots) != 2 or scenario.sparse or not sees:
+        if len(scenario.robots) != 2 or not sees:
             raise SettingError(
                 f"learner {self.label}: scenario {scenario.name} has {len(scenario.robots)} "
-                f"robots, {len(scenario.map.cells)} cells, perception "
-                f"{scenario.perception}; allowed: 2, at most 724, always; use another learner"
+                f"robots, perception {scenario.perception}; allowed: 2, always; "
+                "use another learner"
             )
 
     def weights(self, scenario: Scenario) -> RewardWeights:

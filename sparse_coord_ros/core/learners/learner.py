@@ -61,24 +61,24 @@ def _guarded(
     return guarded
 
 
-def _checked_scenario(said: str, made: Any) -> Any:
+def _checked_scenario(who: str, made: Any) -> Any:
     if not isinstance(made, Scenario):
         raise SettingError(
-            f"{said}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
+            f"{who}: its with_defaults returned {in_short(made)}, allowed: a Scenario"
         )
     return made
 
 
-def _checked_weights(said: str, made: Any) -> Any:
+def _checked_weights(who: str, made: Any) -> Any:
     with suppress(TypeError, ValueError):
         weights = RewardWeights(*map(float, made))
         if all(map(math.isfinite, weights)):
             return weights
     allowed = "three numbers, for the individual reward, the common reward and the cost of asking"
-    raise SettingError(f"{said}: its weights are {made!r}, allowed: {allowed}")
+    raise SettingError(f"{who}: its weights are {made!r}, allowed: {allowed}")
 
 
-def _anything(said: str, made: Any) -> Any:
+def _anything(who: str, made: Any) -> Any:
     return made
 
 
@@ -119,16 +119,60 @@ def _check_hook(learner: type, name: str, hook: Any) -> None:
         raise TypeError(
             f"class {learner.__name__}: {name} is {in_short(hook)}, no plain function; {allowed}"
         )
-    found = list(inspect.signature(hook).parameters)
-    if found != wanted:
+    parameters = list(inspect.signature(hook).parameters)
+    if parameters != wanted:
         raise TypeError(
-            f"class {learner.__name__}: {name} takes ({', '.join(found)}), {allowed}"
+            f"class {learner.__name__}: {name} takes ({', '.join(parameters)}), {allowed}"
         )
     if "random" in hook.__code__.co_names:
         raise TypeError(
             f"class {learner.__name__}: {name} uses random, allowed: sc.rules.draw, whose draws "
             "are the same in each way of running"
         )
+
+
+def _naming_itself(
+    hook: Callable[..., Any], allowed: str, fits: Callable[[Any], bool]
+) -> Any:
+    """Return a hook that raises `TypeError` with its name where its result is not allowed."""
+
+    @functools.wraps(hook)
+    def naming(*arguments: Any) -> Any:
+        value = hook(*arguments)
+        if not fits(value):
+            raise TypeError(
+                f"{hook.__name__} returned {in_short(value)}, allowed: {allowed}"
+            )
+        return value
+
+    return naming
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float | int | np.floating | np.integer)
+
+
+@functools.cache
+def with_named_results(rule: type) -> Any:
+    """Return the hooks of a class; a user's own ones name themselves where a result is wrong.
+
+    Plain Python calls these. Compiled code has its types.
+    """
+    if is_shipped(rule):
+        return rule
+    results = {
+        "decide": (f"an action, 0 to {len(ACTIONS) - 1}", _is_whole),
+        "move_after_asking": (f"a move, 0 to {PRIMITIVES - 1}", _is_whole),
+        "bootstrap": ("a number", _is_number),
+    }
+    hooks = {name: getattr(rule, name) for name in OF_THE_LOOP}
+    for name, (allowed, fits) in results.items():
+        hooks[name] = _naming_itself(hooks[name], allowed, fits)
+    return type(rule.__name__, (), hooks)
 
 
 def _new_names(learner: type) -> list[str]:
@@ -351,9 +395,9 @@ class Learner:
     @property
     def rule(self) -> Any:
         """The class with its hooks, of which a loop is made: itself, or a base class."""
-        for one in type(self).__mro__:
-            if any(name in vars(one) for name in OF_THE_LOOP):
-                return one
+        for base in type(self).__mro__:
+            if any(name in vars(base) for name in OF_THE_LOOP):
+                return base
         return Learner
 
     @property
@@ -450,20 +494,33 @@ class Learner:
         """Return what a robot (from 0) remembers before learning; its arrays are its own."""
         with self.blamed("making what a robot remembers"):
             mind: Any = self.initial(scenario, robot)
-            kind: Any = getattr(self, "Mind", ())
-            if not isinstance(mind, kind):
-                raise TypeError(
-                    f"initial returned {in_short(mind)}, allowed: the learner's Mind, with all "
-                    "its fields; write an initial for a Mind of your own"
-                )
-            if not {"q_star", "updates"} <= set(mind._fields):
-                raise TypeError(
-                    f"its Mind has the fields {', '.join(mind._fields)}; it needs q_star and "
-                    "updates, too"
-                )
+            self._check_mind(mind, scenario, "initial")
             if scenario.prior == "map":
                 mind = self.informed(mind, scenario, robot, self.weights(scenario))
+                self._check_mind(mind, scenario, "informed")
             return mind
+
+    def _check_mind(self, mind: Any, scenario: Scenario, hook: str) -> None:
+        """Raise `TypeError` or `ValueError` unless a hook returned what a robot remembers."""
+        kind: Any = getattr(self, "Mind", ())
+        if not isinstance(mind, kind):
+            raise TypeError(
+                f"{hook} returned {in_short(mind)}, allowed: the learner's Mind, with all "
+                "its fields; write an initial for a Mind of your own"
+            )
+        if not {"q_star", "updates"} <= set(mind._fields):
+            raise TypeError(
+                f"its Mind has the fields {', '.join(mind._fields)}; it needs q_star and "
+                "updates, too"
+            )
+        wanted = (len(scenario.map.cells), len(ACTIONS))
+        for name in ("q_star", "updates"):
+            shape = np.shape(getattr(mind, name))
+            if shape != wanted:
+                raise ValueError(
+                    f"{hook} returned {name} of shape {shape}, allowed: (cells, actions), "
+                    f"here {wanted}"
+                )
 
     def blamed(self, doing: str) -> AbstractContextManager[None]:
         """Return a context that reports a failure of a user's own learner in one line.

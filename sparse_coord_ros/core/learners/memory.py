@@ -40,7 +40,7 @@ def check_memory(
 
 def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
     mind = learner.begun(scenario, k)
-    found: dict[str, np.ndarray] = {}
+    checked: dict[str, np.ndarray] = {}
     for name, value in mind._asdict().items():
         if name in learner.scratch:
             continue
@@ -50,8 +50,8 @@ def _checked(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Me
         else:
             _check_array(memory, name, np.asarray(value))
             names = [name]
-        found |= {one: memory[one] for one in names}
-    return found
+        checked |= {name: memory[name] for name in names}
+    return checked
 
 
 def _check_array(memory: Memory, name: str, begun: np.ndarray) -> None:
@@ -94,12 +94,14 @@ def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memo
         k: the robot, from 0.
         memory: the memory of the other run; it is checked already.
     """
-    found = dict(memory_before(learner, scenario, k))
+    memory_of_robot = dict(memory_before(learner, scenario, k))
     for name in learner.values:
-        if name in found:
-            found[name] = memory[name]
+        if name in memory_of_robot:
+            memory_of_robot[name] = memory[name]
         else:
-            found[f"{name}_keys"] = memory[f"{name}_keys"]
-            found[f"{name}_values"] = memory[f"{name}_values"]
-            found[f"{name}_updates"] = np.zeros_like(memory[f"{name}_updates"])
-    return found
+            memory_of_robot[f"{name}_keys"] = memory[f"{name}_keys"]
+            memory_of_robot[f"{name}_values"] = memory[f"{name}_values"]
+            memory_of_robot[f"{name}_updates"] = np.zeros_like(
+                memory[f"{name}_updates"]
+            )
+    return memory_of_robot

@@ -92,21 +92,21 @@ def _size(mind: Any) -> int:
     return total
 
 
-def _team_field(own: Sequence[Any], robots: Sequence[int], team: int) -> Any:
+def _team_field(values: Sequence[Any], robots: Sequence[int], team: int) -> Any:
     """Return a field of a team's mind, from those of some robots."""
-    if isinstance(own[0], Table):
+    if isinstance(values[0], Table):
         numbers = {"span", "most", "a_step"}
         fields = {
-            name: own[0]._asdict()[name]
+            name: values[0]._asdict()[name]
             if name in numbers
-            else _team_field([getattr(one, name) for one in own], robots, team)
+            else _team_field([getattr(value, name) for value in values], robots, team)
             for name in Table._fields
         }
         return Table(**fields)
-    first = np.asarray(own[0])
+    first = np.asarray(values[0])
     array = np.zeros((team, *first.shape), dtype=first.dtype)
-    for k, one in zip(robots, own, strict=True):
-        array[k] = one
+    for k, value in zip(robots, values, strict=True):
+        array[k] = value
     return array
 
 

@@ -100,7 +100,7 @@ class Transition(NamedTuple):
     Attributes:
         step: the time step t.
         cell: X_k(t).
-        action: A_k(t), as of `core.game.actions`.
+        action: A_k(t): a move, or COORDINATE.
         move: the primitive action that it became.
         answered: whether it asked, and the percept succeeded.
         seen: the peers whose cells it knows, the sum of 2^j; 0: none. They are those that it
@@ -256,7 +256,7 @@ def asks_surely(values: Any) -> Any:
 def asks_at_times(values: Any) -> Any:
     """Return whether a greedy robot may ask: COORDINATE is at least as good as any move.
 
-    Arguments and return value as of `asks_surely`.
+    Arguments and return value as in `asks_surely`.
     """
     asks = values[COORDINATE] >= values[0]
     for move in range(1, PRIMITIVES):
@@ -317,8 +317,8 @@ def reward_of(task: Task, now: Transition) -> float:
         now: the transition.
     """
     weights = task.weights
-    own = weights.individual * now.individual
-    return own + weights.common * now.common + weights.ask_cost * now.asking
+    individual = weights.individual * now.individual
+    return individual + weights.common * now.common + weights.ask_cost * now.asking
 
 
 @jitable

@@ -114,7 +114,7 @@ def met(rows: Table, task: Any, k: int, key: int) -> int:
         rows: the tables of a team, changed.
         task: the task.
         k: the robot.
-        key: as of `find`.
+        key: as for `find`.
     """
     place = place_of(rows, k, key)
     row = rows.index[k, place, ROW]

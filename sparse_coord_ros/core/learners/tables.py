@@ -126,8 +126,8 @@ class JointTable:
         cell, *others = index
         cells = [cell] * self._robots
         seen = 0
-        for peer, place in zip(self._peers, others, strict=False):
-            cells[peer] = place
+        for peer, peer_cell in zip(self._peers, others, strict=False):
+            cells[peer] = peer_cell
             seen |= 1 << peer
         row = np.array(self._tables.values_asking(cell, seen, cells))
         return row[others[-1]] if len(index) == len(self.shape) else row

@@ -5,9 +5,9 @@
 Arrays beside those of `base.npz`: `run`, a digest of what the run computes, and whatever the
 caller adds. A file of another run is refused.
 
-For robot k from 1 there is what it remembers, as in `core.runs.tables`. Of G games: `transitions`,
-`step`, `under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`, (G, K): the fields
-of `core.game.world.Position`.
+For robot k from 1 there is what it remembers, as in `core.runs.saved_tables`. Of G games:
+`transitions`, `step`, `under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`,
+(G, K): the fields of `core.game.world.Position`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,13 +44,13 @@ def broken(path: Path, problem: object) -> BrokenCheckpointError:
     )
 
 
-def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
+def read(path: Path, run: str, *, run_in_words: str) -> dict[str, np.ndarray]:
     """Return the arrays of a checkpoint.
 
     Args:
         path: its file.
         run: the digest of the run that is to go on.
-        said: the run in words.
+        run_in_words: the run in words.
 
     Raises:
         BrokenCheckpointError: it cannot be read.
@@ -60,11 +60,11 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
     data = read_file(path, BrokenCheckpointError, remedy)
     how: Any = {"error": RunError, "damaged": BrokenCheckpointError, "remedy": remedy}
     arrays = npz.unpack(data, where=str(path), what="a checkpoint", **how)
-    found = str(arrays.pop("run", ""))
-    if found != run:
+    saved_run = str(arrays.pop("run", ""))
+    if saved_run != run:
         raise RunError(
-            f"{path}: is the checkpoint of another run than this one ({said}); continue with the "
-            "scenario, settings, learner and seed of that run"
+            f"{path}: is the checkpoint of another run than this one ({run_in_words}); "
+            "continue with the scenario, settings, learner and seed of that run"
         )
     return arrays
 
@@ -88,11 +88,12 @@ def positions_from(
     robots = len(scenario.robots)
     like = position_arrays([before_episode(0, 0, robots)] * games)
     fields = [
-        npz.member(arrays, name, one.dtype, *one.shape) for name, one in like.items()
+        npz.member(arrays, name, array.dtype, *array.shape)
+        for name, array in like.items()
     ]
     return tuple(
-        Position._make([*one, tuple(places), tuple(arrived)])
-        for *one, places, arrived in zip(
+        Position._make([*array, tuple(places), tuple(arrived)])
+        for *array, places, arrived in zip(
             *(array.tolist() for array in fields), strict=True
         )
     )

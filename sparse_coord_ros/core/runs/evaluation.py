@@ -133,7 +133,7 @@ def greedy_team(
     seed: int,
     learner: str | Learner | None = None,
 ) -> GreedyTeam:
-    """Return a team that acts greedily on learned tables; arguments and errors as of `play`."""
+    """Return a team that acts greedily on learned tables; arguments and errors as in `play`."""
     check_tables(scenario, tables, learner)
     agents = greedy_agents(scenario, tables, seed, learner)
     return GreedyTeam(scenario, seed, agents)

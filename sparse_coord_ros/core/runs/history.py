@@ -42,7 +42,7 @@ class History(NamedTuple):
     Attributes:
         first_step: the time step at which the episode begins, shape (E,), int64.
         length: its transitions, shape (E,), int64.
-        returns: total discounted reward of robot k, as of `evaluate`: with all that the goal pays
+        returns: total discounted reward of robot k, as in `evaluate`: with all that the goal pays
             from its arrival on, and with later miscoordinations; of a cut-off episode as far as it
             goes. Shape (E, K), float64; 0 where it was not present.
         miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
@@ -83,8 +83,8 @@ class History(NamedTuple):
         begins = np.flatnonzero(np.diff(self.first_step) < 0) + 1  # another robot's
         before = np.zeros(self.episodes, dtype=np.int64)
         before[begins] = np.diff(made[begins], prepend=0)
-        found: np.ndarray = made - np.cumsum(before)
-        return found
+        steps: np.ndarray = made - np.cumsum(before)
+        return steps
 
     def curve(
         self, name: str, window: int = 1, *, robot: int | None = None
@@ -208,8 +208,8 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     blank = blank_history(0, 0)._asdict().items()
     return History(
         *(
-            npz.member(arrays, prefix + name, one.dtype, *present.shape[: one.ndim])
-            for name, one in blank
+            npz.member(arrays, prefix + name, array.dtype, *present.shape[: array.ndim])
+            for name, array in blank
         )
     )
 

@@ -24,6 +24,7 @@ from sparse_coord_ros.core.game.rules import (
     rewards_of,
     start_of,
 )
+from sparse_coord_ros.core.learners.learner import with_named_results
 from sparse_coord_ros.core.learners.mind import with_views
 from sparse_coord_ros.core.learners.rules import (
     NOT_PERCEIVED,
@@ -276,7 +277,7 @@ def loop_of(learner: Any) -> Callable[..., None]:
 @functools.cache
 def plain(learner: Any) -> Callable[..., None]:
     """Return the loop of a learner in plain Python, on views of the arrays."""
-    loop = loop_of(learner)
+    loop = loop_of(with_named_results(learner))
 
     def on_views(
         problem: Problem,

@@ -268,13 +268,13 @@ SPREAD = ("returns", "time_to_goal", "miscoordinations", "asks")
 """The measures whose spread a table can show."""
 
 
-def _same(one: Any, other: Any) -> bool:
+def _same(first: Any, second: Any) -> bool:
     """Return whether values, or mappings of values, are the same."""
-    if isinstance(one, Mapping):
-        return one.keys() == other.keys() and all(
-            _same(value, other[name]) for name, value in one.items()
+    if isinstance(first, Mapping):
+        return first.keys() == second.keys() and all(
+            _same(value, second[name]) for name, value in first.items()
         )
-    return np.array_equal(one, other)
+    return np.array_equal(first, second)
 
 
 def standard_error(values: np.ndarray) -> float:

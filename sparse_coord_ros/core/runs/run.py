@@ -163,24 +163,24 @@ class LearningRun:
         for group, run, acts in zip(self.team.groups, self._runs, acting, strict=True):
             cells += run.before.tolist()
             after += run.cells.tolist()
-            for place, k in enumerate(group.robots):
-                acted = bool(acts[place])
-                actions.append(self._action(run, place, k, step) if acted else None)
+            for index, k in enumerate(group.robots):
+                acted = bool(acts[index])
+                actions.append(self._action(run, index, k, step) if acted else None)
             inter = group.problem.interactions
             met = met or bool(miscoordinates(inter, run.before, run.cells))
         return TeamTransition(step, tuple(cells), tuple(actions), tuple(after), met)
 
-    def _action(self, run: loop.Run, place: int, k: int, step: int) -> Action:
+    def _action(self, run: loop.Run, index: int, k: int, step: int) -> Action:
         """Return the action of robot k at the last completed time step."""
-        decision = Decision(int(run.actions[place]))
+        decision = Decision(int(run.actions[index]))
         if decision.action == COORDINATE:
-            chance = draw(int(run.keys[ROBOT, place]), step, PEER)
+            chance = draw(int(run.keys[ROBOT, index]), step, PEER)
             peers = asked_peers(
                 self.scenario.peers, k, len(self.scenario.robots), chance
             )
             decision = Decision(COORDINATE, peers)
-        move = int(run.moves[place])
-        return action_of(decision, move, perceived=bool(run.seen[place] != 0))
+        move = int(run.moves[index])
+        return action_of(decision, move, perceived=bool(run.seen[index] != 0))
 
     @property
     def tables(self) -> list[Tables]:

@@ -68,7 +68,9 @@ class LearnerName(SpecFamily):
     @property
     def forms(self) -> tuple[Form, ...]:
         """The learners that are registered."""
-        return tuple(Form(name, one.summary) for name, one in self._registered())
+        return tuple(
+            Form(name, learner.summary) for name, learner in self._registered()
+        )
 
     def _registered(self) -> list[tuple[str, Learner]]:
         return list(LEARNERS.registered.items())
@@ -95,7 +97,11 @@ class LiveLearnerName(LearnerName):
         return f"{shipped}, or one of your own as module:name"
 
     def _registered(self) -> list[tuple[str, Learner]]:
-        return [(name, one) for name, one in super()._registered() if one.runs_live]
+        return [
+            (name, learner)
+            for name, learner in super()._registered()
+            if learner.runs_live
+        ]
 
 
 BODIES_SUCCEED = 0.95
@@ -198,7 +204,7 @@ class RunConfig:
     @property
     def digest(self) -> str:
         """A digest of everything that affects learning: equal digests mean equal bits."""
-        said = [
+        content = [
             self.learner,
             self.seed,
             self.greedy,
@@ -206,8 +212,8 @@ class RunConfig:
             self.scenario.computation(),
         ]
         if self.bodies:
-            said.append({"slips": self.slips})
-        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[
+            content.append({"slips": self.slips})
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[
             :16
         ]
 
@@ -229,8 +235,8 @@ class RunConfig:
     @staticmethod
     def identity(text: bytes) -> str:
         """Return the `id` that the text of a live run begins with, without reading it."""
-        found = re.match(rb"id: '?(\w{1,99})'?\n", text)
-        return found[1].decode() if found else ""
+        match = re.match(rb"id: '?(\w{1,99})'?\n", text)
+        return match[1].decode() if match else ""
 
     def record(self) -> dict[str, str]:
         """Return the texts of the bag's metadata record."""
@@ -297,7 +303,10 @@ def _check_size(grid: GridMap) -> None:
 
 def versions() -> dict[str, str]:
     """Return the versions of software on which a run's numbers depend."""
-    found = {"sparse_coord_ros": __version__, "python": platform.python_version()}
+    installed = {
+        "sparse_coord_ros": __version__,
+        "python": platform.python_version(),
+    }
     for name in (
         "numpy",
         "PyYAML",
@@ -307,8 +316,8 @@ def versions() -> dict[str, str]:
         "ros-rmw-fastrtps-cpp",
     ):
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            installed[name] = version(name)
+    return installed
 
 
 def run_from_yaml(text: str, *, where: str) -> RunConfig:
@@ -369,7 +378,8 @@ def load_run(directory: Path) -> RunConfig:
         )
     if directory.exists() and not path.exists():
         run = next(
-            (one for one in directory.parents if (one / RUN_FILE).exists()), None
+            (parent for parent in directory.parents if (parent / RUN_FILE).exists()),
+            None,
         )
         if run is not None:
             raise RunError(f"{directory}: is no run, but in one; give {run}")

@@ -102,22 +102,23 @@ class Team:
         self._problem = problem_of(scenario)
         self._task = learner.task(scenario)
         self.groups = [
-            self._group(robots, own) for robots, own in groups_of(scenario, learner)
+            self._group(robots, problem)
+            for robots, problem in groups_of(scenario, learner)
         ]
 
-    def _group(self, robots: Sequence[int], own: Scenario) -> Group:
-        """Return a group of robots; `own` is the scenario of the team, or theirs alone."""
+    def _group(self, robots: Sequence[int], group_scenario: Scenario) -> Group:
+        """Return a group of robots; `group_scenario`: the team's, or theirs alone."""
         problem = self._problem
         task = self._task
-        if own is not self.scenario:
-            problem = problem_of(own)
-            task = self.learner.task(own)
-        return Group(robots, own, problem, task._replace(learning=True))
+        if group_scenario is not self.scenario:
+            problem = problem_of(group_scenario)
+            task = self.learner.task(group_scenario)
+        return Group(robots, group_scenario, problem, task._replace(learning=True))
 
     def mind(self, group: Group, memories: Sequence[Memory] = ()) -> Any:
         """Return the mind of a group whose robots remember this; empty: before learning."""
-        own = [memories[k] for k in group.robots] if memories else ()
-        return team_mind(self.learner, group.scenario, range(len(group.robots)), own)
+        known = [memories[k] for k in group.robots] if memories else ()
+        return team_mind(self.learner, group.scenario, range(len(group.robots)), known)
 
     def play(
         self,
@@ -188,9 +189,9 @@ class Team:
     def memories(self, minds: Sequence[Any]) -> list[Memory]:
         """Return what each robot remembers, a copy; `minds`: those of the groups."""
         return [
-            memory_of(self.learner, mind, place)
+            memory_of(self.learner, mind, index)
             for group, mind in zip(self.groups, minds, strict=True)
-            for place in range(len(group.robots))
+            for index in range(len(group.robots))
         ]
 
     def check_wanted(self) -> None:
@@ -206,7 +207,7 @@ def run_at(
     exploring: np.ndarray,
     max_steps: int,
 ) -> loop.Run:
-    """Return a run at a position, after some episodes; other arguments as of `loop.Run`."""
+    """Return a run at a position, after some episodes; other arguments as in `loop.Run`."""
     team = len(position.cells)
     clock = [
         position.step,

@@ -264,9 +264,9 @@ def best_at(
         write_chances(game, policy, space.chances, 0, x, y, i)
         for j in range(first1, end1):
             write_chances(game, policy, space.chances, 1, y, x, j)
-            found = step_value(game, space.value, space.chances, state, cost)
-            if found > best + 1e-12:
-                best = found
+            worth = step_value(game, space.value, space.chances, state, cost)
+            if worth > best + 1e-12:
+                best = worth
                 policy.seen[0, x, y] = i
                 policy.seen[1, y, x] = j
     return best
@@ -321,7 +321,7 @@ def solve(
 ) -> float:
     """Return the team's value from the starts, the moves after percepts chosen at best.
 
-    Arguments are as of `sweep`; the workspace begins with the values that it has.
+    Arguments are as in `sweep`; the workspace begins with the values that it has.
     """
     count = reach(game, policy, free, space, space.reached)
     return sweep(game, policy, free, space, count, target, MOST_SWEEPS)
@@ -420,9 +420,9 @@ def climb(
     old_asks = False
     ends = False
     while True:
-        found = solve(game, policy, free, space, target)
-        if found > target:
-            best = found
+        reached = solve(game, policy, free, space, target)
+        if reached > target:
+            best = reached
             failed = 0
             surround(game, policy, free, space)
             if ends:

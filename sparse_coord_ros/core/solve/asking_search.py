@@ -109,18 +109,18 @@ def find_asking_team(
     game = game_of(scenario)
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)
-    found = None if best is None else policies_of(scenario, best)
+    best_policy = None if best is None else policies_of(scenario, best)
     for i in range(len(values), restarts):
         policy, value = _restart(scenario, game, both, [seed, i])
-        if found is None or value > max(values) + asking_loops.LEAST_GAIN:
-            found = policy
+        if best_policy is None or value > max(values) + asking_loops.LEAST_GAIN:
+            best_policy = policy
         values.append(value)
         if file is not None:
-            _keep(file, scenario, seed, values, _texts(game, found))
+            _keep(file, scenario, seed, values, _texts(game, best_policy))
         told(len(values), restarts)
-    assert found is not None
+    assert best_policy is not None
     top = max(values)
-    robots = _texts(game, found)
+    robots = _texts(game, best_policy)
     return AskingTeam(
         value=top,
         robots=robots,
@@ -338,8 +338,8 @@ def _gain(
     nobody = np.zeros(2, dtype=np.bool_)
     now = climb(game, fixed, nobody, workspace_of(game), NO_TRIALS)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
-    own = _copy(fixed)
-    best = climb(game, own, alone, workspace_of(game), trials)
+    policy = _copy(fixed)
+    best = climb(game, policy, alone, workspace_of(game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(scenario, game, alone, [seed, k, i], fixed)[1])
     return best - now if best > now + asking_loops.LEAST_GAIN else 0.0
@@ -357,13 +357,13 @@ def _kept(
         check_format(data["format"], str(file), ResultsError)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
-        said = (data["game"], data["seed"])
+        given = (data["game"], data["seed"])
         fits = policies_of(scenario, best).moves.shape == (2, len(scenario.map.cells))
     except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(
             f"{file}: holds no search for the best asking team; give another file"
         ) from None
-    if said != (game_digest(scenario), seed) or not values or not fits:
+    if given != (game_digest(scenario), seed) or not values or not fits:
         what = f"{file}: is the search of another game or seed (seed {data['seed']})"
         raise ResultsError(
             f"{what}; give another file, or the same scenario, settings and seed"

@@ -68,7 +68,9 @@ def evaluate_exact(
     acting = tables
     if learner is not None:
         rule = learner_of(learner)
-        acting = [Tables(scenario, rule, k, one.memory) for k, one in enumerate(tables)]
+        acting = [
+            Tables(scenario, rule, k, table.memory) for k, table in enumerate(tables)
+        ]
     return evaluate_greedy(scenario, _robots(acting))
 
 
@@ -80,7 +82,7 @@ def evaluate_greedy(scenario: Scenario, robots: Sequence["Greedy"]) -> Measures:
     """
     reached = _within_reach(scenario, robots)
     moments = _moments(scenario, _chain(scenario, robots, reached), reached)
-    visits = moments.visits.reshape([len(own) for own in reached])
+    visits = moments.visits.reshape([len(cells) for cells in reached])
     home = _joint_state(reached, [robot.goal for robot in scenario.robots])
     last = moments.likely[scenario.horizon % 2].reshape(visits.shape)
     means, squares = map(_by_name, (moments.mean, moments.square))
@@ -140,7 +142,7 @@ def evaluate_best(
         tables: the tables of every robot.
         trials: how many, if trials are played.
         seed: of the trials.
-        learner: as of `evaluate_exact`.
+        learner: as for `evaluate_exact`.
         progress: of the trials.
 
     Raises:
@@ -202,7 +204,7 @@ class Greedy(NamedTuple):
 
 def _robots(tables: Sequence[Tables]) -> list[Greedy]:
     """Return the robots as greedy ones that act on tables, which fit."""
-    return [_choices(one) for one in tables]
+    return [_choices(table) for table in tables]
 
 
 def _choices(tables: Tables) -> Greedy:
@@ -219,7 +221,7 @@ def _choices(tables: Tables) -> Greedy:
 
 def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> list[np.ndarray]:
     """Return the cells that each robot can come to, ascending; SettingError where too many."""
-    moving = [(one.moves > 0.0) | (one.blind > 0.0) for one in robots]
+    moving = [(robot.moves > 0.0) | (robot.blind > 0.0) for robot in robots]
     reached = [np.empty(0, dtype=np.int64)] * len(robots)
     while True:
         before = reached
@@ -231,9 +233,9 @@ def _within_reach(scenario: Scenario, robots: Sequence[Greedy]) -> list[np.ndarr
             )
         if all(map(np.array_equal, before, reached)):
             return reached
-        for k, one in enumerate(robots if len(robots) > 1 else ()):
-            where = reached[k][one.asks[reached[k]] > 0.0]
-            seen = _greedy(_rows(one.coord, where, reached[1 - k]))
+        for k, robot in enumerate(robots if len(robots) > 1 else ()):
+            where = reached[k][robot.asks[reached[k]] > 0.0]
+            seen = _greedy(_rows(robot.coord, where, reached[1 - k]))
             moving[k][where] |= (seen > 0.0).any(axis=1)
 
 
@@ -241,15 +243,15 @@ def _closure(scenario: Scenario, k: int, moves: np.ndarray) -> np.ndarray:
     """Return the cells that robot k can come to by moves, shape (cells, moves), bool."""
     robot = scenario.robots[k]
     lead = scenario.map.next_cell
-    found = {robot.start, robot.goal}
+    cells = {robot.start, robot.goal}
     left = [robot.start]
     while left:
         x = left.pop()
         if x != robot.goal:
-            new = set(lead[x, moves[x]].tolist()) - found
-            found |= new
+            new = set(lead[x, moves[x]].tolist()) - cells
+            cells |= new
             left += new
-    return np.array(sorted(found))
+    return np.array(sorted(cells))
 
 
 def _joint_state(reached: Sequence[np.ndarray], cells: Any) -> tuple[Any, ...]:
@@ -266,10 +268,12 @@ def _chain(
         SettingError: steps have too many outcomes.
     """
     team = len(robots)
-    shape = [len(own) for own in reached]
+    shape = [len(cells) for cells in reached]
     size = math.prod(shape)
-    found = [_outcomes(scenario, k, robot, reached) for k, robot in enumerate(robots)]
-    chances, asking = zip(*found, strict=True)
+    of_robots = [
+        _outcomes(scenario, k, robot, reached) for k, robot in enumerate(robots)
+    ]
+    chances, asking = zip(*of_robots, strict=True)
     if team == 1:
         joint = chances[0][:, 0]
     else:
@@ -359,7 +363,7 @@ def _moments(
         factors=np.ones(quantities),
     )
     start = _joint_state(reached, [robot.start for robot in scenario.robots])
-    shape = [len(own) for own in reached]
+    shape = [len(cells) for cells in reached]
     moments.likely[0, np.ravel_multi_index(start, shape)] = 1.0
     loop_for(chain, scenario.horizon)(chain, moments, scenario.horizon)
     return moments
@@ -373,45 +377,47 @@ def _outcomes(
     An outcome is the move that succeeds, or `STAY`. Shapes (own cells, peer's cells, outcomes); a
     robot without a peer has one cell of the peer.
     """
-    own = reached[k]
-    peers = reached[1 - k] if len(reached) > 1 else own[:1]
-    after_asking = np.zeros((len(own), len(peers), PRIMITIVES))
-    where = np.flatnonzero(robot.asks[own])
+    cells = reached[k]
+    peers = reached[1 - k] if len(reached) > 1 else cells[:1]
+    after_asking = np.zeros((len(cells), len(peers), PRIMITIVES))
+    where = np.flatnonzero(robot.asks[cells])
     if len(where):
-        there = own[where]
+        there = cells[where]
         moves = robot.blind[there, None]
         if len(reached) > 1:
             sees = _percepts(scenario, there, peers)[..., None]
             seen = _greedy(_rows(robot.coord, there, peers))
             moves = sees * seen + (1.0 - sees) * moves
         after_asking[where] = robot.asks[there, None, None] * moves
-    either = robot.moves[own, None] + after_asking
+    either = robot.moves[cells, None] + after_asking
     chances = np.empty((*either.shape[:2], OUTCOMES))
     chances[..., :STAY] = scenario.move_success * either
     chances[..., STAY] = 1.0 - scenario.move_success
     asks = np.empty(chances.shape)
     asks[..., :STAY] = after_asking / np.where(either > 0.0, either, 1.0)
-    asks[..., STAY] = robot.asks[own, None]
-    home = own == scenario.robots[k].goal
+    asks[..., STAY] = robot.asks[cells, None]
+    home = cells == scenario.robots[k].goal
     chances[home] = np.arange(OUTCOMES) == STAY
     asks[home] = 0.0
     return chances, asks
 
 
-def _percepts(scenario: Scenario, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
+def _percepts(
+    scenario: Scenario, own_cells: np.ndarray, peers: np.ndarray
+) -> np.ndarray:
     """Return the probabilities that percepts succeed, shape (own cells, peer's cells)."""
-    cells = np.union1d(own, peers)
+    cells = np.union1d(own_cells, peers)
     between = probabilities_between(sight_of(scenario.perception, scenario.map), cells)
-    found: np.ndarray = between[
-        np.ix_(np.searchsorted(cells, own), np.searchsorted(cells, peers))
+    probabilities: np.ndarray = between[
+        np.ix_(np.searchsorted(cells, own_cells), np.searchsorted(cells, peers))
     ]
-    return found
+    return probabilities
 
 
-def _rows(q_coord: JointTable, own: np.ndarray, peers: np.ndarray) -> np.ndarray:
+def _rows(q_coord: JointTable, cells: np.ndarray, peers: np.ndarray) -> np.ndarray:
     """Return the rows of Q^C of some cells, shape (own cells, peer's cells, moves)."""
-    rows = [[q_coord[x, z] for z in peers.tolist()] for x in own.tolist()]
-    return np.array(rows).reshape(len(own), len(peers), PRIMITIVES)
+    rows = [[q_coord[x, z] for z in peers.tolist()] for x in cells.tolist()]
+    return np.array(rows).reshape(len(cells), len(peers), PRIMITIVES)
 
 
 def _greedy(values: np.ndarray) -> np.ndarray:

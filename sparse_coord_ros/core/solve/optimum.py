@@ -152,8 +152,8 @@ def joint_outcomes(scenario: Scenario) -> JointOutcomes:
     inter = interactions_of(scenario)
     shape = (cells,) * team
     before = np.indices(shape).reshape(team, -1)
-    own = np.arange(cells)[None]
-    ways = [np.concatenate([successors(scenario, k), own]) for k in range(team)]
+    stay = np.arange(cells)[None]
+    ways = [np.concatenate([successors(scenario, k), stay]) for k in range(team)]
     after = np.empty((OUTCOMES,) * team + (cells**team,), dtype=np.int32)
     miscoordination = np.empty(after.shape, dtype=bool)
     for chosen in product(range(OUTCOMES), repeat=team):

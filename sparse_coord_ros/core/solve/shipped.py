@@ -123,8 +123,8 @@ class BestTeam:
 
 def game_digest(scenario: Scenario) -> str:
     """Return a digest of all that the value of a team depends on; the horizon is infinite."""
-    said = scenario.computation()
-    kept = {key: said[key] for key in ("map", "robots", *GAME_SETTINGS)}
+    content = scenario.computation()
+    kept = {key: content[key] for key in ("map", "robots", *GAME_SETTINGS)}
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -196,4 +196,4 @@ def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
         LEARNED_TEAM: shipped_best_team(scenario),
         last: optimum,
     }
-    return [(name, one.value) for name, one in known.items() if one is not None]
+    return [(name, team.value) for name, team in known.items() if team is not None]

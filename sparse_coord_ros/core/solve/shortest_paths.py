@@ -68,7 +68,8 @@ def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Measures:
     never = np.zeros(cells)
     blind = np.zeros((cells, PRIMITIVES))
     robots = [
-        Greedy(never, _equal_shares(own, 1.0), blind, coord=None) for own in moves
+        Greedy(never, _equal_shares(robot_moves, 1.0), blind, coord=None)
+        for robot_moves in moves
     ]
     return evaluate_greedy(scenario, robots)
 
@@ -82,7 +83,7 @@ def _played(scenario: Scenario, moves: Sequence[np.ndarray]) -> Measures:
     lead = scenario.map.next_cell
     goals = np.array([robot.goal for robot in robots])[:, None]
     cells = np.tile([[robot.start] for robot in robots], (1, PLAYED))
-    chances = [_equal_shares(own, 1.0).cumsum(axis=1) for own in moves]
+    chances = [_equal_shares(robot_moves, 1.0).cumsum(axis=1) for robot_moves in moves]
     tolls = np.array(scenario.penalties)[:, None]
     returns = np.zeros((team, PLAYED))
     times = np.zeros((team, PLAYED))
@@ -162,29 +163,30 @@ def _met(
     inter = interactions_of(scenario)
     places = inter.places
     meeting = [
-        np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])
+        np.flatnonzero(places == number)
+        for number in np.unique(places[places != NOWHERE])
     ]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))
     places_in_time = _places_in_time(scenario, moves)
-    place = next(places_in_time)
+    occupancy = next(places_in_time)
     in_doorway: list[list[np.ndarray]] = []
     all_arrived: list[float] = []
-    moving = np.ones(place.shape, dtype=bool)
+    moving = np.ones(occupancy.shape, dtype=bool)
     moving[numbers, goals] = False
-    stays = np.zeros(place.shape)
+    stays = np.zeros(occupancy.shape)
     while True:
         steps = len(in_doorway)
-        rest = float(place[moving].sum())
+        rest = float(occupancy[moving].sum())
         if steps < scenario.horizon:
-            stays[moving] += place[moving]
+            stays[moving] += occupancy[moving]
         else:
             rest *= scenario.discount**steps / (1.0 - scenario.discount)
         if rest <= NEGLIGIBLE_PROBABILITY:
             break
-        all_arrived.append(place[numbers, goals].prod())
-        place = next(places_in_time)
-        in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
+        all_arrived.append(occupancy[numbers, goals].prod())
+        occupancy = next(places_in_time)
+        in_doorway.append([occupancy[:, cells].sum(axis=1) for cells in meeting])
     occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
     crowded_at_home = float(miscoordinates(inter, goals, goals))
@@ -201,17 +203,17 @@ def _places_in_time(
 
     It does not end. Robots are not in each other's way.
     """
-    shares = [_shares(scenario, own) for own in moves]
+    shares = [_shares(scenario, robot_moves) for robot_moves in moves]
     cells = len(scenario.map.cells)
     stay = np.arange(cells)[:, None]
     leads = np.concatenate([scenario.map.next_cell, stay], axis=1).ravel()
-    place = np.zeros((len(moves), cells))
+    occupancy = np.zeros((len(moves), cells))
     starts = [robot.start for robot in scenario.robots]
-    place[np.arange(len(moves)), starts] = 1.0
+    occupancy[np.arange(len(moves)), starts] = 1.0
     while True:
-        yield place
-        moved = zip(place, shares, strict=True)
-        place = np.stack(
+        yield occupancy
+        moved = zip(occupancy, shares, strict=True)
+        occupancy = np.stack(
             [np.bincount(leads, (p[:, None] * s).ravel(), cells) for p, s in moved]
         )
 
@@ -224,16 +226,16 @@ def expected_meetings(scenario: Scenario) -> np.ndarray:
     """
     moves = [_shortest(scenario, robot) for robot in scenario.robots]
     goals = [robot.goal for robot in scenario.robots]
-    found = np.zeros(len(scenario.map.cells))
+    meetings = np.zeros(len(scenario.map.cells))
     places_in_time = itertools.islice(
         _places_in_time(scenario, moves), scenario.horizon
     )
-    for t, place in enumerate(places_in_time):
-        under_way = place.copy()
+    for t, occupancy in enumerate(places_in_time):
+        under_way = occupancy.copy()
         under_way[np.arange(len(goals)), goals] = 0.0
         pairs = (under_way.sum(axis=0) ** 2 - (under_way**2).sum(axis=0)) / 2
-        found += scenario.discount**t * pairs
-    return found
+        meetings += scenario.discount**t * pairs
+    return meetings
 
 
 def _one_each(occupied: np.ndarray) -> np.ndarray:

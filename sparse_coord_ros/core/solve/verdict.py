@@ -58,7 +58,7 @@ class Verdict(NamedTuple):
         return self.text.split(". ")[0].rstrip(".") + "."
 
 
-def verdict_on(scenario: Scenario, learner: Learner, found: Measures) -> Verdict:
+def verdict_on(scenario: Scenario, learner: Learner, measures: Measures) -> Verdict:
     """Return the verdict: a team beside robots that ignore each other and the best team known.
 
     Robots that ignore each other take fixed shortest paths and never ask. The gap is what the
@@ -71,71 +71,73 @@ def verdict_on(scenario: Scenario, learner: Learner, found: Measures) -> Verdict
     Args:
         scenario: the problem.
         learner: the learner.
-        found: the value of its team.
+        measures: the value of its team.
     """
     expected = advice(scenario)
     remedy = _remedy(scenario, learner, expected)
-    if found.failed:
-        missed = percent(1.0 - found.mean("arrived"))
-        said = f"In {missed} of the episodes some robot did not arrive."
+    if measures.failed:
+        missed = percent(1.0 - measures.mean("arrived"))
+        text = f"In {missed} of the episodes some robot did not arrive."
         steps = "Try more steps"
         if not isinstance(learner, Voi) and expected.kind == WILL_PAY:
             steps += ", or --learner voi"
-        return Verdict(LOST, f"{said} {steps}.")
+        return Verdict(LOST, f"{text} {steps}.")
     ignoring = shortest_paths(scenario)
-    earned = found.mean("returns")
+    earned = measures.mean("returns")
     without = ignoring.mean("returns")
     slight = SLIGHT * independent_bound(scenario)
-    error = math.hypot(found.error("returns"), ignoring.error("returns"))
+    error = math.hypot(measures.error("returns"), ignoring.error("returns"))
     if without - earned > slight + LOSS_ERRORS * error:
-        said = (
+        text = (
             f"This team is worse than robots that ignore each other: a robot earns {earned:.2f}, "
             f"on shortest paths without asking {without:.2f}."
         )
         cure = remedy or "Try more steps, or --learner noncoop, which cannot ask."
-        return Verdict(WORSE, f"{said} {cure}")
+        return Verdict(WORSE, f"{text} {cure}")
     [(name, best), *_] = yardsticks(scenario)
     gap = best - without
     if gap <= slight:
-        said = (
+        text = (
             f"Coordination is not needed here: robots that ignore each other earn "
             f"{without:.2f} each, the {name} {best:.2f}. A robot of this team earns "
             f"{earned:.2f}. {expected.remedy}"
         )
-        return Verdict(NEEDLESS, said.rstrip())
-    own = f"a robot earns {earned:.2f}, robots that ignore each other {without:.2f}"
+        return Verdict(NEEDLESS, text.rstrip())
+    earnings = (
+        f"a robot earns {earned:.2f}, robots that ignore each other {without:.2f}"
+    )
     if not percepts_can_succeed(scenario):
-        return Verdict(IN_VAIN, f"{remedy} In this team {own}.")
+        return Verdict(IN_VAIN, f"{remedy} In this team {earnings}.")
     if best - earned <= slight:
         remedy = ""
-    asks = found.mean("asks")
+    asks = measures.mean("asks")
     if not learner.asks or asks < RARE:
         why = f"a robot asks {asks:.2g} times an episode"
         if not learner.asks:
             why = f"the learner {learner.label} cannot ask"
-        said = (
-            f"The team does not coordinate by asking: {why}. In this team {own}, "
+        text = (
+            f"The team does not coordinate by asking: {why}. In this team {earnings}, "
             f"the {name} {best:.2f}. {expected.text} {remedy}"
         )
-        return Verdict(SILENT, said.rstrip())
+        return Verdict(SILENT, text.rstrip())
     gain = earned - without
     closed = percent(gain / gap, whole=True)
-    said = (
-        f"{own}. This closes {closed} of the gap to the {name} ({best:.2f}; loss "
-        f"{best - earned:.2f}). {_compared(scenario, found, ignoring)}"
+    text = (
+        f"{earnings}. This closes {closed} of the gap to the {name} ({best:.2f}; loss "
+        f"{best - earned:.2f}). {_compared(scenario, measures, ignoring)}"
     )
     if gain >= ENOUGH * gap:
-        return Verdict(LEARNED, f"The team learned to coordinate: {said}")
-    said = f"The team hardly coordinates: {said} {expected.text} {remedy}"
-    return Verdict(FAILING, said.rstrip())
+        return Verdict(LEARNED, f"The team learned to coordinate: {text}")
+    text = f"The team hardly coordinates: {text} {expected.text} {remedy}"
+    return Verdict(FAILING, text.rstrip())
 
 
-def _compared(scenario: Scenario, found: Measures, ignoring: Measures) -> str:
+def _compared(scenario: Scenario, measures: Measures, ignoring: Measures) -> str:
     """Return miscoordinations beside those of robots that ignore each other.
 
     With block alone there are no miscoordinations; robots in each other's way lose time.
     """
-    taken = found.mean("time_to_goal")
+    taken = measures.mean("time_to_goal")
     steps = f"{taken:.3g} instead of {ignoring.mean('time_to_goal'):.3g}"
     if scenario.interactions.startswith("block"):
         arrive = ""
@@ -145,7 +147,7 @@ def _compared(scenario: Scenario, found: Measures, ignoring: Measures) -> str:
                 f" Robots that ignore each other all arrive in {share} of the trials."
             )
         return f"Steps to the goal: {steps}.{arrive}"
-    counted = found.mean("miscoordinations")
+    counted = measures.mean("miscoordinations")
     return (
         f"Miscoordinations per episode: {counted:.2g} instead of "
         f"{ignoring.mean('miscoordinations'):.2g}."

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.game.draws import EVALUATION
+from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.settings import SettingTable, tables_from_yaml
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import greedy_team
@@ -230,3 +231,40 @@ def drive(
         progress(episode + 1)
     # in the order of its fields
     return Drive(driven_team, *map(np.array, zip(*found, strict=True)))
+
+
+def remedies(run: RunConfig, driven: Drive) -> list[str]:
+    """Return a sentence for each kind of touch, with what helps."""
+    sentences = []
+    if driven.team.simulator.bumps:
+        radius = driven.team.simulator.metric_map.radius
+        sentences.append(
+            f"Bodies of radius {radius:g} m touched walls: cells of {run.resolution:g} m "
+            f"leave {run.resolution / 2 - radius:.2g} m on each side; take cells of "
+            f"{radius / (0.5 - CLEAR):.2g} m or more."
+        )
+    if driven.in_doorways.any():
+        penalty = 2 * run.scenario.penalty
+        sentences.append(
+            "Bodies touched in doorways: let the team learn longer, or at a higher penalty, "
+            f"such as --set penalty={penalty:g}."
+        )
+    if driven.elsewhere.any():
+        sentences.append(_remedy_elsewhere(run))
+    return sentences
+
+
+def _remedy_elsewhere(run: RunConfig) -> str:
+    """Return a sentence on bodies that touched outside of doorways."""
+    what = "Bodies touched outside of doorways"
+    kinds = run.scenario.interactions.split("+")
+    if {"together:anywhere", "swap"} <= set(kinds):
+        return f"{what}: let the team learn longer, or take larger cells."
+    others = [
+        kind for kind in kinds if kind not in ("together", "together:anywhere", "swap")
+    ]
+    wanted = "+".join(["together:anywhere", "swap", *others])
+    return (
+        f"{what}, where robots may share and exchange cells: let them learn with "
+        f"--set interactions={wanted}."
+    )

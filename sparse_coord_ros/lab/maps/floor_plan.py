@@ -5,6 +5,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,11 @@ class FloorPlan:
         """The file's stem."""
         return self.path.stem
 
+    @cached_property
+    def wall_direction(self) -> float | None:
+        """As `wall_direction`; found once."""
+        return wall_direction(self)
+
 
 def turned(plan: FloorPlan, yaw: float) -> FloorPlan:
     """Return a floor plan whose rows lie at an angle to those of the given one.
@@ -91,8 +97,10 @@ def turned(plan: FloorPlan, yaw: float) -> FloorPlan:
     ahead, left = corner.relative(across + 0.5, height - down - 0.5)
     occupied[(rows - left).astype(int), ahead.astype(int)] = True
     free &= ~occupied
-    place = plan.origin.absolute(corner.x * plan.resolution, corner.y * plan.resolution)
-    origin = Pose(*place, math.remainder(plan.origin.yaw + yaw, math.tau))
+    corner_in_metres = plan.origin.absolute(
+        corner.x * plan.resolution, corner.y * plan.resolution
+    )
+    origin = Pose(*corner_in_metres, math.remainder(plan.origin.yaw + yaw, math.tau))
     return dataclasses.replace(plan, free=free, occupied=occupied, origin=origin)
 
 

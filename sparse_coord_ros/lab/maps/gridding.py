@@ -198,9 +198,9 @@ def best_layout(space: Space, pixels: float) -> Gridding:
     )
     # The first centre is the first in the image.
     starts = [pixels * k / tries for k in range(tries)]
-    starts = [one if one < pixels / 2 else one - pixels for one in starts]
-    found = [_layout(space, pixels, top, left) for top in starts for left in starts]
-    return max(found, key=lambda one: (-one.slips, -one.cut, one.kept))
+    starts = [start if start < pixels / 2 else start - pixels for start in starts]
+    layouts = [_layout(space, pixels, top, left) for top in starts for left in starts]
+    return max(layouts, key=lambda layout: (-layout.slips, -layout.cut, layout.kept))
 
 
 def layout_with_dust(
@@ -236,8 +236,8 @@ def _layout(space: Space, pixels: float, top: float, left: float) -> Gridding:
     slips = 0
     for past, axis in zip(space.past_walls, (1, 0), strict=True):
         # An obstacle between one pair may be a spot; one between two adjacent pairs is a wall.
-        one, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
-        slips += int((one & beside).sum())
+        between, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
+        slips += int((between & beside).sum())
     _close(free, [past[at] for past in space.past_blocked])
     labels, count = ndimage.label(free)
     sizes = np.bincount(labels[free], minlength=count + 1)
@@ -331,13 +331,13 @@ def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
     Arguments as in `across`.
     """
     rooms = free & (across(free, longest) == 0)
-    found = _passed_east(rooms, longest)
-    found += [(row, column) for column, row in _passed_east(rooms.T, longest)]
-    return sorted(found)
+    passages = _passed_east(rooms, longest)
+    passages += [(row, column) for column, row in _passed_east(rooms.T, longest)]
+    return sorted(passages)
 
 
 def _passed_east(rooms: np.ndarray, longest: int) -> list[tuple[int, int]]:
-    """Return (row, column) of the upper cell of each passage of two rows: as of `two_wide`.
+    """Return (row, column) of the upper cell of each passage of two rows, as `two_wide` does.
 
     Args:
         rooms: free cells that are no doorways, shape (rows, columns), bool.
@@ -346,14 +346,14 @@ def _passed_east(rooms: np.ndarray, longest: int) -> list[tuple[int, int]]:
     walled = np.pad(rooms, ((1, 2), (0, 0)))
     pair = walled[1:-2] & walled[2:-1] & ~walled[:-3] & ~walled[3:]
     spacious = ndimage.binary_opening(rooms, np.ones((3, 3)))
-    found = []
+    passages = []
     for row, begin, end in _short_runs(pair, longest):
         both = slice(row, row + 2)
         beyond = (begin - 1, end)
         opens = all(rooms[both, column].all() for column in beyond)
         if opens and any(spacious[both, column].any() for column in beyond):
-            found.append((row, begin))
-    return found
+            passages.append((row, begin))
+    return passages
 
 
 def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> bool:
@@ -370,5 +370,5 @@ def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> 
     near = free[top : row + CRUMB + 1, left : column + CRUMB + 1].copy()
     near[row - top, max(0, run[0] - left) : max(0, run[1] - left)] = False
     labels, _ = ndimage.label(near)
-    own = labels[row - top, column - left]
-    return bool(own and (labels == own).sum() >= CRUMB)
+    label = labels[row - top, column - left]
+    return bool(label and (labels == label).sum() >= CRUMB)

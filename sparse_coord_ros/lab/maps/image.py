@@ -128,31 +128,48 @@ def read_floor_plan(path: Path) -> FloorPlan:
     if is_picture(path):
         _check_exists(path)
         raise MapError(_yaml_wanted(path))
-    said = fields_of(path)
-    if "robots" in said and "image" not in said:
+    header = fields_of(path)
+    if "robots" in header and "image" not in header:
         remedy = f"let a team learn on it: sparse_coord train {path}"
         raise MapError(
             f"{path}: is a scenario already, not the map of a building; {remedy}"
         )
-    if "image" not in said:
+    if "image" not in header:
         raise MapError(
             f"{path}: field 'image' is missing; give the YAML file that belongs to a map's image"
         )
-    if "resolution" not in said:
+    if "resolution" not in header:
         raise MapError(f"{path}: field 'resolution' is missing; add the metres a pixel")
     with retold(MapError, SettingError, f"{path}"):
         data = {
-            name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()
+            name: field.parse(header.get(name, field.default))
+            for name, field in FIELDS.items()
         }
         reading = _Reading(
-            _mode(said.get("mode", MODES[0])),
-            _negate(said.get("negate", False)),
+            _mode(header.get("mode", MODES[0])),
+            _negate(header.get("negate", False)),
             data["occupied_thresh"],
             data["free_thresh"],
         )
-    origin = pose_of(said.get("origin", [0.0, 0.0]), f"{path}: field 'origin'")
+    origin = pose_of(header.get("origin", [0.0, 0.0]), f"{path}: field 'origin'")
     image = path.parent / data["image"]
+    _refuse_other_place(path, image)
     return _floor_plan(path, image, data["resolution"], origin, reading)
+
+
+def _refuse_other_place(path: Path, image: Path) -> None:
+    """Raise MapError if a missing image lies beside its YAML file, as in a folder that was moved.
+
+    Upper and lower case count as equal: elsewhere they may be.
+    """
+    if image.exists():
+        return
+    for other in path.parent.iterdir():
+        if other.name.lower() == image.name.lower():
+            raise MapError(
+                f"{image}: no such image; {other.name} lies beside the YAML file: write "
+                f"'image: {other.name}'"
+            )
 
 
 def fields_of(path: Path) -> dict[str, Any]:
@@ -433,10 +450,10 @@ def under(grid: GridMap) -> dict[str, Any] | None:
     side = grid.squares.side
     height, width = (count * plan.resolution / side for count in plan.free.shape)
     ahead, left = grid.origin.relative(plan.origin.x, plan.origin.y)
-    place = {
+    corner_and_size = {
         "x": ahead / side,
         "y": grid.shape[0] - left / side - height,
         "width": width,
         "height": height,
     }
-    return {"href": data_url(plan), **place}
+    return {"href": data_url(plan), **corner_and_size}

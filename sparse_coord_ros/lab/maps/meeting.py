@@ -56,20 +56,20 @@ def prospect_of(scenario: Scenario) -> Prospect:
         "nothing to coordinate: shortest paths rarely meet "
         f"({scenario.interactions}), and robots lose less by it than a question costs; "
     )
-    found = best_doorway(scenario)
-    if found is None:
+    meeting = best_doorway(scenario)
+    if meeting is None:
         note += "choose starts and goals whose ways cross"
         return Prospect(expected, note, None)
-    place = centre_of(scenario.map, found.cell)
-    doorway = f"a doorway at {metres(place)}, where they meet most often,"
-    if found.lost < LEAST_RELATIVE_GAIN:
+    centre = centre_of(scenario.map, meeting.cell)
+    doorway = f"a doorway at {metres(centre)}, where they meet most often,"
+    if meeting.lost < LEAST_RELATIVE_GAIN:
         note += (
             f"even {doorway} would cost less than a question: choose starts and goals whose "
             "ways cross"
         )
         return Prospect(expected, note, None)
-    note += f"{doorway} would cost each as much as {found.lost:.1f} questions"
-    return Prospect(expected, note, place)
+    note += f"{doorway} would cost each as much as {meeting.lost:.1f} questions"
+    return Prospect(expected, note, centre)
 
 
 def best_doorway(scenario: Scenario) -> Doorway | None:

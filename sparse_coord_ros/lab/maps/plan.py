@@ -15,7 +15,7 @@ from sparse_coord_ros.core.game.grid import CLEAR, DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.core.game.pose import Pose, Squares, metres
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.lab.maps import gridding
-from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, wall_direction
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan
 from sparse_coord_ros.lab.maps.passages import narrow_corridors
 
 Place = tuple[float, float]
@@ -171,16 +171,16 @@ def import_map(
         sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True)
     )
     wide = [
-        frame.centre(place)
-        for place in gridding.two_wide(free, run)
-        if not doors[place]
+        frame.centre(passage)
+        for passage in gridding.two_wide(free, run)
+        if not doors[passage]
     ]
     bare = gridding.layout_with_dust(
         plan, space, layout, cell / plan.resolution, radius
     )
     only_free = free & ~bare
     only_doors = (across > 0) & (gridding.across(bare & free, run) == 0)
-    dusty = [frame.centre(tuple(one)) for one in np.argwhere(only_free | only_doors)]
+    dusty = [frame.centre(tuple(cell)) for cell in np.argwhere(only_free | only_doors)]
     notes = [
         *_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide),
         *_dust_notes(space, frame, only_free, only_doors),
@@ -286,7 +286,7 @@ def _layout_of(
     if layout is not None:
         return layout
     sizes = _sizes(plan, cell)
-    works = next((one for one in sizes if _tried_layout(plan, space, one)[0]), None)
+    works = next((size for size in sizes if _tried_layout(plan, space, size)[0]), None)
     remedy = f"cells of {works:g} m work" if works else _no_size(sizes)
     raise MapError(f"map {plan.name}: cells of {cell:g} m {problem}; {remedy}")
 
@@ -304,16 +304,16 @@ def _chosen_layout(
     """Return a size of cells that suits a robot, and the best grid of such cells."""
     preferred = CELL_RADII * radius or CELL_PIXELS * plan.resolution
     sizes = _sizes(plan, preferred)
-    found: list[tuple[float, gridding.Gridding]] = []
+    layouts: list[tuple[float, gridding.Gridding]] = []
     for number, size in enumerate(sizes):
-        if found and number >= NEAR_SIZES:
+        if layouts and number >= NEAR_SIZES:
             break
         layout, _ = _tried_layout(plan, space, size)
         if layout is not None:
-            found.append((size, layout))
-    if not found:
+            layouts.append((size, layout))
+    if not layouts:
         raise MapError(f"map {plan.name}: {_no_size(sizes)}")
-    return min(found, key=lambda one: one[1].cut)
+    return min(layouts, key=lambda candidate: candidate[1].cut)
 
 
 def _sizes(plan: FloorPlan, preferred: float) -> list[float]:
@@ -362,7 +362,7 @@ def _size_notes(cell: float, radius: float) -> Iterator[str]:
 
 def _direction_notes(plan: FloorPlan) -> Iterator[str]:
     """Yield a warning if the walls lie askew to the grid."""
-    direction = wall_direction(plan)
+    direction = plan.wall_direction
     if direction is not None and abs(math.degrees(direction)) >= ASKEW:
         yield (
             f"the walls lie at {math.degrees(direction):.1f} degrees to the grid, so doorways are "
@@ -386,8 +386,10 @@ def _dust_notes(
     """
     if not (only_free.any() or only_doors.any()):
         return
-    doors = [frame.centre(tuple(one)) for one in np.argwhere(only_doors)]
-    others = [frame.centre(tuple(one)) for one in np.argwhere(only_free & ~only_doors)]
+    doors = [frame.centre(tuple(cell)) for cell in np.argwhere(only_doors)]
+    others = [
+        frame.centre(tuple(cell)) for cell in np.argwhere(only_free & ~only_doors)
+    ]
     what = [_count(len(doors), "doorway cell", "doorway cells")] * bool(doors)
     what += [_count(len(others), "other cell", "other cells")] * bool(others)
     yield (
@@ -430,8 +432,8 @@ def _notes(
         )
 
 
-def _count(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
+def _count(number: int, singular: str, plural: str) -> str:
+    return f"{number} {singular if number == 1 else plural}"
 
 
 class _Frame:
@@ -504,23 +506,23 @@ def suggested_settings(
     values = {**SETTINGS.defaults(), **SETTINGS.parse(dict(given))}
     p = values["move_success"]
     ways = [grid.distances_to(goal) for _, goal in pairs]
-    own = max(int(way[start]) for way, (start, _) in zip(ways, pairs, strict=True))
+    longest = max(int(way[start]) for way, (start, _) in zip(ways, pairs, strict=True))
     furthest = max(int(way.max()) for way in ways)
-    horizon = 1.1 * (own / p + 4 * math.sqrt(own * (1 - p)) / p)
-    found: dict[str, Any] = {"horizon": max(100, _round_up(horizon, 50))}
-    found["max_steps"] = max(100, _round_up(1.5 * furthest / p, 50))
+    horizon = 1.1 * (longest / p + 4 * math.sqrt(longest * (1 - p)) / p)
+    suggested: dict[str, Any] = {"horizon": max(100, _round_up(horizon, 50))}
+    suggested["max_steps"] = max(100, _round_up(1.5 * furthest / p, 50))
     discount = math.ceil(1000 * FURTHEST_SHARE ** (p / furthest)) / 1000
-    found["discount"] = min(0.999, max(values["discount"], discount))
-    discount = given.get("discount", found["discount"])
+    suggested["discount"] = min(0.999, max(values["discount"], discount))
+    discount = given.get("discount", suggested["discount"])
     value = round(values["goal_reward"] / (1.0 - float(discount)), 3)
-    found["goal_value"] = value
+    suggested["goal_value"] = value
     if given.get("prior") == "none":
-        found |= _learning_ways(value, max(steps_for(way, p) for way in ways))
+        suggested |= _learning_ways(value, max(steps_for(way, p) for way in ways))
     else:
-        found["prior"] = "map"
-        found["steps"] = STEPS
+        suggested["prior"] = "map"
+        suggested["steps"] = STEPS
     default = SETTINGS.defaults()
-    return {k: v for k, v in found.items() if k not in given and v != default[k]}
+    return {k: v for k, v in suggested.items() if k not in given and v != default[k]}
 
 
 def _learning_ways(value: float, needed: float) -> dict[str, Any]:
@@ -532,14 +534,14 @@ def _learning_ways(value: float, needed: float) -> dict[str, Any]:
             sizes bring values over the long way in time.
     """
     most = SETTINGS["steps"].high
-    found: dict[str, Any] = {
+    suggested: dict[str, Any] = {
         "q_coord_init": value,
         "q_star_init": round(FIRST_GUESS * value, 3),
         "steps": int(min(most, max(STEPS, _round_up(needed, 10_000)))),
     }
-    if found["steps"] == most:
-        found["step_size"] = LONG_WAYS
-    return found
+    if suggested["steps"] == most:
+        suggested["step_size"] = LONG_WAYS
+    return suggested
 
 
 def steps_for(way: np.ndarray, p: float) -> float:
@@ -582,16 +584,16 @@ def scenario_of(
             )
     grid = imported.grid
     frame = _frame_of(grid)
-    data = {
+    places_of_robots = {
         f"robot_{k}": {"start": list(start), "goal": list(goal)}
         for k, (start, goal) in enumerate(_robot_cells(frame, robots), start=1)
     }
-    said = {
+    data = {
         "name": grid.name,
         "map": {"name": grid.name, "text": grid.to_text()},
-        "robots": data,
+        "robots": places_of_robots,
     }
-    plain = scenario_from_dict({**said, **given}, where=grid.name, name=grid.name)
+    plain = scenario_from_dict({**data, **given}, where=grid.name, name=grid.name)
     pairs = [(robot.start, robot.goal) for robot in plain.robots]
     suggested = suggested_settings(grid, pairs, given)
     scenario = plain.with_settings(suggested)

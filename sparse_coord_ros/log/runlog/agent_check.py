@@ -10,7 +10,7 @@ import numpy as np
 from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.learners.mind import Memory, memory_before
-from sparse_coord_ros.core.runs.tables import saved_arrays
+from sparse_coord_ros.core.runs.saved_tables import saved_arrays
 from sparse_coord_ros.log.runlog.difference import (
     Difference,
     Finding,
@@ -116,9 +116,13 @@ class AgentCheck:
         yield from self._learned_before(index)
         asks = self._replay.decide().action == COORDINATE
         if asks != self._log.asked[self.trajectory.row[index], self._k]:
-            logged, computed = f"coordinate={not asks:d}", f"coordinate={asks:d}"
-            words = wire.ACTION.name, logged, computed
-            yield Difference(step, self.name, *words)
+            yield Difference(
+                step,
+                self.name,
+                wire.ACTION.name,
+                f"coordinate={not asks:d}",
+                f"coordinate={asks:d}",
+            )
 
     def act(self, step: int) -> Iterator[Finding]:
         """Compare the action of a time step, if there is one; its percept must be right."""

@@ -115,7 +115,8 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         steps: the time steps, ascending.
     """
     doubt = log.why_not_computed(robot)
-    first, memory = 0, None
+    first = 0
+    memory = None
     if doubt is None and steps:
         first, memory = _tables_before(log, robot, steps[0])
     trajectory = trajectory_of(log, robot, first)

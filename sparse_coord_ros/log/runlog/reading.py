@@ -18,7 +18,7 @@ import numpy as np
 from sparse_coord_ros.base.errors import BagError, TablesError
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
-from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.core.runs.saved_tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import Bag, Part, bag_files
 from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
@@ -325,7 +325,7 @@ def sort(read: Read, run: RunConfig) -> Sorted:
     tables = []
     for k in range(len(names)):
         tables += _tables(read.rows[wire.TABLES, k], run, k, ends, problems)
-    tables.sort(key=lambda one: (one.step, one.robot))
+    tables.sort(key=lambda entry: (entry.step, entry.robot))
     return Sorted(series, statuses, tables, problems)
 
 

@@ -21,7 +21,7 @@ from sparse_coord_ros.core.learners.memory import check_memory
 from sparse_coord_ros.core.runs import checkpoint_bytes
 from sparse_coord_ros.core.runs.history import history_from
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.core.runs.tables import memory_from, saved_arrays
+from sparse_coord_ros.core.runs.saved_tables import memory_from, saved_arrays
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotState
 from sparse_coord_ros.protocol.lockstep.world_side import WorldState
 from sparse_coord_ros.protocol.wire import WORLD
@@ -206,7 +206,7 @@ class Checkpoints(CheckpointStore):
         path = self._path(step)
         run = self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        return checkpoint_bytes.read(path, run.digest, said=said)
+        return checkpoint_bytes.read(path, run.digest, run_in_words=said)
 
 
 def steps_of(folder: Path, node: str) -> list[int]:

@@ -29,7 +29,7 @@ from sparse_coord_ros.core.runs.run_config import (
     RunConfig,
     load_run,
 )
-from sparse_coord_ros.core.runs.tables import (
+from sparse_coord_ros.core.runs.saved_tables import (
     TEAM_FILE,
     load_saved,
     load_team,

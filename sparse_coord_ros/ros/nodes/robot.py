@@ -16,7 +16,7 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, pack_tables, robot_file
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.attempts import RobotAttempts
 from sparse_coord_ros.protocol.lockstep.robot_side import NO_STEP, RobotSide

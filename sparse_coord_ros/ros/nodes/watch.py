@@ -30,7 +30,7 @@ from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.history import HistoryRecorder
 from sparse_coord_ros.core.runs.run import TeamTransition
 from sparse_coord_ros.core.runs.run_config import RunConfig
-from sparse_coord_ros.core.runs.tables import tables_of, unpack_saved
+from sparse_coord_ros.core.runs.saved_tables import tables_of, unpack_saved
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, SelfReport, services

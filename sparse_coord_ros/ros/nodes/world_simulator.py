@@ -20,7 +20,7 @@ from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.repeating import repeating_command
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, SUMMARY_FILE
-from sparse_coord_ros.core.runs.tables import TEAM_FILE, robot_file
+from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide

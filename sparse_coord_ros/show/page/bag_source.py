@@ -46,6 +46,9 @@ FRAME_SECONDS = 1 / 30
 GROWTH_SECONDS = 0.5
 """Time between two checks whether the file has grown."""
 
+LOOKING = 10
+"""The pause after such a check, in times of what it took: it arranges the whole log anew."""
+
 FIRST_RATE = 10.0
 
 SHOWN_RATE = 2.0
@@ -230,14 +233,20 @@ class BagSource(controls.Played):
     # In the thread of the source.
 
     def play(self) -> None:
-        """Play until interrupted."""
-        looked = time.monotonic()
+        """Play until interrupted; time stands still while no page is open."""
+        looks = time.monotonic()
+        self.tick()
         with self.reading():
             while True:
-                if self.growing and time.monotonic() - looked >= GROWTH_SECONDS:
-                    looked = time.monotonic()
+                if self.growing and time.monotonic() >= looks:
+                    begun = time.monotonic()
                     self.look()
-                self.tick()
+                    took = time.monotonic() - begun
+                    looks = time.monotonic() + max(GROWTH_SECONDS, LOOKING * took)
+                if self.board.pages:
+                    self.tick()
+                else:
+                    self.stand_still()
                 time.sleep(FRAME_SECONDS)
 
     @contextmanager

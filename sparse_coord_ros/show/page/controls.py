@@ -114,6 +114,10 @@ class Played(Controlled):
         super().__init__()
         self._then = time.monotonic()
 
+    def stand_still(self) -> None:
+        """Let no time pass."""
+        self._then = time.monotonic()
+
     def tick(self) -> None:
         """Carry out the controls, move on, and show the time steps that are reached."""
         now = time.monotonic()

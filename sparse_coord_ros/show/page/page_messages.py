@@ -184,7 +184,7 @@ def put_so_far(board: MessageBoard, run: RunConfig, history: History) -> None:
     counts = [len(set(robot["asks"]) & set(robot["enters"])) for robot in robots]
     if len(robots) > MOST_NAMED:
         asking = sum(count > 0 for count in counts)
-        lines = [f"So far {asking} robots would ask on their ways."]
+        lines = [f"So far {asking} robot{'s' * (asking != 1)} would ask on their ways."]
     else:
         where = ", ".join(
             f"{robot.name} in {count} cell{'s' * (count != 1)}"

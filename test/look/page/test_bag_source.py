@@ -21,7 +21,7 @@ from sparse_coord_ros.core.game.interactions import (
     miscoordinations,
 )
 from sparse_coord_ros.core.runs.run_config import make_run
-from sparse_coord_ros.core.runs.tables import save_team
+from sparse_coord_ros.core.runs.saved_tables import save_team
 from sparse_coord_ros.log.bags.reader import bag_files
 from sparse_coord_ros.log.runlog import read_run
 from sparse_coord_ros.log.runlog.explain import (

@@ -167,7 +167,8 @@ def load_team(
         ]
     with retold(TablesError, TablesError, str(directory)):
         return [
-            tables_of(scenario, learner, k, one.memory) for k, one in enumerate(saved)
+            tables_of(scenario, learner, k, entry.memory)
+            for k, entry in enumerate(saved)
         ]
 
 
