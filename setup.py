@@ -14,7 +14,7 @@ OPEN_SPIEL = (
 
 setup(
     name=PACKAGE,
-    version="3.0.0.dev0",
+    version="3.0.0",
     description="Robots that learn when and how to coordinate (Melo & Veloso 2009), on ROS 2",
     long_description=(Path(__file__).resolve().parent / "README.md").read_text(
         encoding="utf-8"

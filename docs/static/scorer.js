@@ -1,5 +1,5 @@
 // How the search of these pages orders what it finds: answers first, the reference of Python last.
-const MORE = { commands: 8, glossary: 7 };
+const MORE = { installation: 30, commands: 14, learners: 14, environments: 10, glossary: 7 };
 const REFERENCE = 40;
 
 var Scorer = {

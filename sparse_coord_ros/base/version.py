@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The version of this software, and the number of the format of all files that it writes."""
 
-__version__ = "3.0.0.dev0"
+__version__ = "3.0.0"
 
 FORMAT = 7
 """Number of the format of run directories, checkpoints, bags, results and searches. It changes if

@@ -16,7 +16,7 @@ PAGES = {
     "learning rate": ("commands",),
     "discount": ("commands",),
     "exploration rate": ("commands",),
-    "number of robots": ("commands",),
+    "number of robots": ("commands", "learners"),
     "map size": ("commands", "buildings"),
     "GPU": ("commands",),
     "deep learning": ("commands", "leaderboard"),
