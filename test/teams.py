@@ -79,6 +79,11 @@ def whole(scenario, learner, seed):
     return learning
 
 
+def learn(scenario, learner, seed):
+    """Return the tables that robots learn in the scenario's budget, in plain Python."""
+    return whole(scenario, learner, seed).tables
+
+
 class Traces(Coop):
     """Algorithm 1 whose Q* learns by eligibility traces, with a memory of their own."""
 

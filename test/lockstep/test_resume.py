@@ -7,11 +7,10 @@ import os
 from types import SimpleNamespace
 
 import pytest
-from teams import memories_equal, plain_run, same_bits, tables_equal
+from teams import learn, memories_equal, plain_run, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.attempts import (
     MOST_BEHIND,
