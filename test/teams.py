@@ -166,7 +166,7 @@ def by_agents(scenario, learner, seed):
                 leave_out(world, members)
                 for k in members:
                     agents[k].begin_episode()
-        history = recorder.history()
+        history = recorder.so_far
         history.present[:] = np.isin(range(len(agents)), members)
         histories.append(history)
     return [agent.memory() for agent in agents], concatenated(histories)

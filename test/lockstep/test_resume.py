@@ -59,7 +59,7 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
     team.play([*killed_everywhere(700), *killed_everywhere(1100)])
     scenario = team.scenario  # with the learner's changes
     assert tables_equal(team.tables, learn(scenario, learner, 5))
-    assert same_bits(team.world.side.history.history(), history(scenario, learner))
+    assert same_bits(team.world.side.history.so_far, history(scenario, learner))
     assert not team.disturbed
     whole = Team(scenario, 2, learner=learner).play()
     # the counts beside the tables are also those of an unbroken run
