@@ -7,7 +7,7 @@ refused.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
 
@@ -112,20 +112,21 @@ def run_experiment(
     if out is not None or scheduler is not None:
         for condition in targets.conditions:
             check_found_elsewhere(condition.scenario.perception)
-    if out is None:
-        if report:
-            raise SettingError("a report is files: name a results directory")
-        with cluster_at(scheduler) as cluster:
-            by = Computing(engine, jobs, cluster)
-            return compute(targets.conditions, plan, by, progress=show)
-    directory = path_argument("out", out)
+    if out is None and report:
+        raise SettingError("a report is files: name a results directory")
+    directory = None if out is None else path_argument("out", out)
     write_report = _report_writer() if report and targets.experiments else None
-    with (
-        open_results(directory, plan) as results,
-        cluster_at(scheduler) as cluster,
-    ):
-        by = Computing(engine, jobs, cluster)
-        by_id = compute(targets.conditions, plan, by, results=results, progress=show)
+    opened = nullcontext() if directory is None else open_results(directory, plan)
+    with opened as results, cluster_at(scheduler) as cluster:
+        by_id = compute(
+            targets.conditions,
+            plan,
+            engine=engine,
+            jobs=jobs,
+            cluster=cluster,
+            results=results,
+            progress=show,
+        )
         if write_report is not None:
             write_report(directory, targets.experiments, by_id)
     return by_id
@@ -146,26 +147,13 @@ def _as_list(
     return asked
 
 
-@dataclass(frozen=True)
-class Computing:
-    """Settings of the computation.
-
-    Attributes:
-        engine: "numba", "python" or "auto".
-        jobs: threads or processes at once; None: all cores.
-        cluster: the cluster that computes; None: this machine.
-    """
-
-    engine: str = "auto"
-    jobs: int | None = None
-    cluster: Cluster | None = None
-
-
 def compute(
     conditions: Sequence[Condition],
     plan: Plan,
-    by: Computing = Computing(),  # noqa: B008 - it never changes
     *,
+    engine: str = "auto",
+    jobs: int | None = None,
+    cluster: Cluster | None = None,
     results: Results | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, ConditionResult]:
@@ -174,7 +162,9 @@ def compute(
     Args:
         conditions: the conditions to compute.
         plan: first seed, learning runs and trials.
-        by: engine, threads or cluster.
+        engine: "numba", "python" or "auto".
+        jobs: threads or processes at once; None: all cores.
+        cluster: the cluster that computes; None: this machine.
         results: the results directory, open; None: do not save.
         progress: see `Progress`.
     """
@@ -187,8 +177,11 @@ def compute(
     total = sum(agent_steps(condition.scenario) * plan.runs for condition in missing)
     if missing:
         progress(missing[0].id, done, total)
-    compute_all = _here if by.cluster is None else _on_cluster
-    for condition, first_seed, runs in compute_all(missing, plan, by):
+    if cluster is None:
+        parts = _here(missing, plan, engine, jobs)
+    else:
+        parts = _on_cluster(missing, plan, engine, cluster)
+    for condition, first_seed, runs in parts:
         done += len(runs) * agent_steps(condition.scenario)
         progress(condition.id, done, total)
         of_condition = computed.setdefault(condition.id, {})
@@ -208,31 +201,34 @@ Computed = Iterator[tuple[Condition, int, list[RunResult]]]
 """Conditions, with the seed of the first of some of their runs, and these runs."""
 
 
-def _here(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
+def _here(
+    conditions: Sequence[Condition], plan: Plan, engine: str, jobs: int | None
+) -> Computed:
     """Compute conditions on this machine, one run after the other."""
     batches = [
         Batch(condition.scenario, learner_of(condition.learner), plan.seeds)
         for condition in conditions
     ]
-    runs = run_batches(batches, trials=plan.trials, engine=by.engine, jobs=by.jobs)
+    runs = run_batches(batches, trials=plan.trials, engine=engine, jobs=jobs)
     for condition in conditions:
         for run in islice(runs, plan.runs):
             yield condition, run.seed, [result_of_run(run)]
 
 
-def _on_cluster(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
+def _on_cluster(
+    conditions: Sequence[Condition], plan: Plan, engine: str, cluster: Cluster
+) -> Computed:
     """Compute conditions on a cluster, all at once, each task some runs of one condition."""
-    assert by.cluster is not None
     work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
     whose: list[Condition] = []
     for condition in conditions:
         steps = agent_steps(condition.scenario)
         runs = plan.runs * len(conditions)
-        for share in by.cluster.shares(plan.seeds, steps, runs):
+        for share in cluster.shares(plan.seeds, steps, runs):
             whose.append(condition)
             rule = learner_of(condition.learner)
-            work.append((condition.scenario, rule, share, plan.trials, by.engine))
-    for number, runs in by.cluster.results(computed_runs, work):
+            work.append((condition.scenario, rule, share, plan.trials, engine))
+    for number, runs in cluster.results(computed_runs, work):
         yield whose[number], work[number][2][0], runs
 
 

@@ -28,7 +28,7 @@ from sparse_coord_ros.core.runs.measures import (
 from sparse_coord_ros.studies import store as module
 from sparse_coord_ros.studies.condition_result import collect, result_of_run
 from sparse_coord_ros.studies.conditions import make_condition
-from sparse_coord_ros.studies.runner import Computing, compute
+from sparse_coord_ros.studies.runner import compute
 from sparse_coord_ros.studies.store import Plan, open_results
 
 CONDITION = make_condition("env1", "coop", {"penalty": -20})
@@ -259,7 +259,5 @@ class Backwards:
 
 def test_runs_that_come_in_any_order_are_kept_in_that_of_their_seeds():
     one = make_condition("env1", "coop", {"steps": 300})
-    here, there = (
-        compute([one], PLAN, Computing(cluster=c)) for c in (None, Backwards())
-    )
+    here, there = (compute([one], PLAN, cluster=c) for c in (None, Backwards()))
     assert here == there

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from sparse_coord_ros.base.errors import BagError
-from sparse_coord_ros.log.bags.reader import Bag, Message, Part
+from sparse_coord_ros.log.bags.reader import Bag, Message, Part, not_superseded
 from sparse_coord_ros.protocol.wire import LOCAL_STATE
 from sparse_coord_ros.protocol.wire.messages import SECOND
 
@@ -77,10 +77,9 @@ class Playlist:
         end_ns = self._bag.ends_ns[part.file]
         indices = self._bag.chosen(part, topics)
         times = part.heads["log_ns"][indices]
-        # An episode may end with the states of the very step at which a segment begins.
         states = [topic for topic in topics if topic.endswith(f"/{LOCAL_STATE.name}")]
-        last = np.isin(indices, self._bag.chosen(part, states)) & (times == end_ns)
-        return indices[(times < end_ns) | last]
+        is_state = np.isin(indices, self._bag.chosen(part, states))
+        return indices[not_superseded(times, end_ns, states=is_state)]
 
     def __len__(self) -> int:
         """Return the number of messages."""

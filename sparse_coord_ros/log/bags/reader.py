@@ -452,6 +452,21 @@ class Bag:
         return Message(self.names[head["topic"]], part.data(index), *numbers)
 
 
+def not_superseded(
+    times: np.ndarray, ends: np.ndarray | int, *, states: np.ndarray | bool
+) -> np.ndarray:
+    """Return which messages no later file supersedes, shape (n,), bool.
+
+    An episode may end with the states of the very time at which a later file begins.
+
+    Args:
+        times: time of each message, shape (n,).
+        ends: from when on later files supersede its file (`Bag.ends_ns`), in the same unit.
+        states: whether it is a local state.
+    """
+    return (times < ends) | (states & (times == ends))
+
+
 def _outside_of_chunks(
     messages: Sequence[MessageRecord],
 ) -> tuple[bytes, np.ndarray, np.ndarray]:

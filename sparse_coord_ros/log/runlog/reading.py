@@ -19,7 +19,7 @@ from sparse_coord_ros.base.errors import BagError, TablesError
 from sparse_coord_ros.core.learners.agent import NOBODY
 from sparse_coord_ros.core.runs.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.runs.saved_tables import tables_of, unpack_saved
-from sparse_coord_ros.log.bags.reader import Bag, Part, bag_files
+from sparse_coord_ros.log.bags.reader import Bag, Part, bag_files, not_superseded
 from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
 from sparse_coord_ros.log.runlog.log import NONE, RecordedTables, RunLog, Series
@@ -313,9 +313,7 @@ def sort(read: Read, run: RunConfig) -> Sorted:
         if rows.content.dtype == object:
             continue
         steps = steps_of(rows.content, period)
-        # An episode may end with the states of the very step at which a segment begins.
-        last = steps == ends[rows.file] if topic is wire.LOCAL_STATE else False
-        kept = (steps < ends[rows.file]) | last
+        kept = not_superseded(steps, ends[rows.file], states=topic is wire.LOCAL_STATE)
         series[topic, k] = _in_order(rows, steps, kept)
         if topic in EACH_STEP:
             series[topic, k] = _once_a_step(
