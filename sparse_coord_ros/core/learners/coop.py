@@ -108,7 +108,7 @@ class Coop(Learner):
 
     @staticmethod
     def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
-        """Update Q^C if a peer was perceived, then Q*."""
+        """Update Q^C if it knows a peer's cell, then Q*."""
         reward = reward_of(task, now)
         if now.seen != 0:  # line 12
             state = joint_state(task, k, now.cell, now.seen, now.cells)

@@ -5,22 +5,23 @@
 Cells: x of the robot, z_j of peer j; a step later y and z'_j. Moves: b. c: the cost of a question.
 
     (1) U(x, b)      = E[ r^I + gamma max_b' U(y, b') ]             a robot that meets nobody
-    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer, see `worst`
+    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer
     (3) Q*(x, b)     = U(x, b) + mean of min_j rho0_j(x, z_j, b)    it does not ask
     (4) Q*(x, ask)   = mean of A(x, z) - c                          it asks
         A(x, z)      = p max_b Q^C(x, z, b) + (1 - p) Q^C(x, z, n)
 
-The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer
-j changes if the robot asks in x, rho0_j if it does not. p is the share of questions that are
-answered there, n the move of a robot without an answer. Each step from z_j to z'_j teaches both,
-for all moves of the cell that it knows:
+The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer j
+changes if the robot asks in x, rho0_j if it does not. p is the share of questions that are
+answered there, n the move of a robot without an answer. With several peers the least of them and 0
+counts, see `worst`. Each step from z_j to z'_j teaches both, for all moves of the cell that it
+knows:
 
     (5) U + rho_j    <- sum_y P(y | x, b, z'_j) [ r^C + gamma V_j(y, z'_j) ]
     (6) V_j(y, z')   =  A(y, z') - c                    if it asks in y; A with this rho_j alone
                         (U + rho0_j)(y, z', m)          if not; m: the best move of (3)
 
-At the goal the value of the arrival is in place of V_j. A question asks all peers at once, so with
-several of them each V_j has its share of c.
+At the goal the value of the arrival, its reward too, is in place of gamma U and of gamma V_j. A
+question asks all peers at once, so with several of them each V_j has its share of c.
 
 As a robot's choice depends on its cell alone, it holds while the robot stays there: for y = x,
 rho_j takes the first line of (6), and rho0_j the second one with m = b. A step that the robot did
@@ -132,7 +133,7 @@ class Voi(Learner):
             blind: the mean of Q^C - U over the cells z of peers that do not answer [k, x, b].
             arrivals: how often it met its peers on coming to x [k, x].
             rho: rho_j: a row [b] for x, j, z; `updates`: how often b was made there.
-            rho0: rho0_j, likewise.
+            rho0: rho0_j, a row [b] for x, j, z.
             given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
             peer: for x, j, z and z', how often b was made (`updates`), and the mean r^C of it when
                 it led out (`values`); when it led home for z' `task.cells`: see `step_of`.
@@ -405,13 +406,15 @@ def is_wall(led: int, tries: int) -> bool:
 @jitable
 def arrival_value(task: Task) -> float:
     """Return the value of an arrival: its reward, and that of being at the goal."""
-    return float(task.weights[0] * task.goal_reward + task.discount * task.goal_value)
+    return float(
+        task.weights.individual * task.goal_reward + task.discount * task.goal_value
+    )
 
 
 @jitable
 def price(task: Task) -> float:
     """Return c."""
-    return float(task.weights[2] * task.ask_cost)
+    return float(task.weights.ask_cost * task.ask_cost)
 
 
 @jitable
@@ -546,7 +549,7 @@ def common_with(mind: Any, task: Task, k: int, j: int) -> float:
     if (int(last[PARTNERS]) >> j) & 1 == 0:
         return 0.0
     share = share_answered(mind, task, k, int(last[CELL]), j, int(last[CELLS + j]))
-    weight = task.weights[1]
+    weight = task.weights.common
     return float((share * weight + (1.0 - share) * min(weight, 1.0)) * last[COMMON])
 
 
@@ -743,7 +746,7 @@ def refresh(mind: Any, task: Task, k: int, x: int) -> None:
 
 @jitable
 def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
-    """Take the value of waiting times gamma^(n - 4), after n > 4 answers in which nobody moved.
+    """Take the value of waiting times gamma^(w - 4), after w > 4 answers in which nobody moved.
 
     It waits by moves into walls. Only values above 0 lose.
 

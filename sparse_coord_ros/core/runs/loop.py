@@ -86,8 +86,7 @@ class Record(NamedTuple):
         first_step: its first time step [row].
         length: its transitions [row].
         steps: transitions until robot k arrived; 0: it did not arrive [row, k].
-        returns: in learning the sum of R_k(t) until it arrived; in trials its return from the
-            first state [row, k].
+        returns: its discounted return from the episode's first state [row, k].
         asks: how often it chose COORDINATE [row, k].
         arrived: whether it reached its goal [row, k].
         miscoordinations: transitions that ended in a miscoordination [row].

@@ -29,7 +29,7 @@ class Silence:
         now: the time.
 
     Attributes:
-        since: the time of their last message, or of the time step's beginning.
+        since: the time at which the time step began, or this process went on after a stop.
     """
 
     def __init__(self, now: float) -> None:
@@ -48,7 +48,7 @@ class Silence:
         self._ticked = now
 
     def lasts(self, now: float) -> float:
-        """Return the seconds since the last message of a robot."""
+        """Return the seconds since the time step began."""
         return now - self.since
 
     def stands(self, now: float) -> float:
@@ -99,7 +99,7 @@ class Deadline:
 
     def __init__(self, percept_timeout: float, step_timeout: float) -> None:
         self._silence = percept_timeout
-        self._longest = max(percept_timeout, step_timeout)
+        self._longest = step_timeout
         self._waiting: tuple[str, int] | None = None
         self._since = 0.0
 
