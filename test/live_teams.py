@@ -8,10 +8,9 @@ from pathlib import Path
 
 import yaml
 from rclpy.serialization import deserialize_message
-from teams import tables_equal
+from teams import learn, tables_equal
 
 from sparse_coord_ros.core.runs.history import load_history
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import SUMMARY_FILE, load_run
 from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.log.bags import open_bag

@@ -79,6 +79,11 @@ def whole(scenario, learner, seed):
     return learning
 
 
+def learn(scenario, learner, seed):
+    """Return the tables that robots learn in the scenario's budget, in plain Python."""
+    return whole(scenario, learner, seed).tables
+
+
 class Traces(Coop):
     """Algorithm 1 whose Q* learns by eligibility traces, with a memory of their own."""
 
@@ -161,7 +166,7 @@ def by_agents(scenario, learner, seed):
                 leave_out(world, members)
                 for k in members:
                     agents[k].begin_episode()
-        history = recorder.history()
+        history = recorder.so_far
         history.present[:] = np.isin(range(len(agents)), members)
         histories.append(history)
     return [agent.memory() for agent in agents], concatenated(histories)

@@ -13,10 +13,6 @@ ROOT = Path(__file__).parents[1]
 STUDIES = ROOT / "studies"
 TINY = "--runs 2 --trials 2 --steps 20"
 RUNS = {
-    "fresh.py": (
-        "--rows sixteen --buildings 1 --runs 2 --trials 2 --set steps=20",
-        "| sixteen |",
-    ),
     "group_bound.py": ("env1 --size 2", "env1: 120.556"),
     "known_map.py": (
         "--list tuning-eight --learners voi --runs 2 --trials 2 --steps 20",

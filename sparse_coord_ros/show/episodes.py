@@ -119,7 +119,7 @@ def played_episode(
     played: list[tuple[TeamTransition, ...]] = []
     while len(played) < PLAYED and world.step < PLAYED_STEPS:
         played.append(tuple(_play(world, team, recorder)))
-    history = recorder.look()
+    history = recorder.so_far
     number = chosen(
         wanted, history, np.ones(len(played), dtype=bool), "greedy episodes"
     )

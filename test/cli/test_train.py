@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord train`: the tables of `core.runs.run.learn`, and bad input."""
+"""`sparse_coord train`: the tables of `teams.learn`, and bad input."""
 
 import csv
 import errno

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from teams import learn
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.evaluation import play
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.body_simulator import (
     BIAS,

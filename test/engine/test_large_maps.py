@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from teams import learn
 
 from sparse_coord_ros.core.game.grid import GridMap
 from sparse_coord_ros.core.game.scenario import load_scenario, scenario_from_dict
@@ -11,7 +12,7 @@ from sparse_coord_ros.core.learners.agent import Agent
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import JointTable
-from sparse_coord_ros.core.runs.run import LearningRun, learn
+from sparse_coord_ros.core.runs.run import LearningRun
 from sparse_coord_ros.core.runs.team import Team
 
 pytestmark = pytest.mark.usefixtures("compiled_loops")

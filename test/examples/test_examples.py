@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 from live_teams import same_tables
-from teams import in_parts, tables_equal, tables_in
+from teams import in_parts, learn, tables_equal, tables_in
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.engine.batch import run_batch, uses_numba
+from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.plugins import allow_modules
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import by_run
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -135,7 +135,8 @@ def test_own_rules_compiled(own, said, tmp_path):
     assert tables_equal(
         in_parts(scenario, rule, 5, (1, 100, 301, 600), tmp_path).tables, plain
     )
-    assert tables_equal(learn(scenario, rule, 5, compiled=True), plain)
+    compiled = train(scenario, rule, seed=5, engine="numba")
+    assert tables_equal(compiled.tables, plain)
     name = own.partition(":")[0]
     lines = said(f"{name}.py", 2000).splitlines()
     assert [line.split(":")[0] for line in lines] == ["coop", name]

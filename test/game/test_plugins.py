@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from teams import tables_equal
+from teams import learn, tables_equal
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import PluginError
@@ -14,7 +14,6 @@ from sparse_coord_ros.core.engine.batch import run_batch
 from sparse_coord_ros.core.game import plugins
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 
 MODULE = """

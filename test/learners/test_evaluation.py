@@ -4,7 +4,7 @@
 
 import numpy as np
 import pytest
-from teams import tables_from_values, untrained, walking
+from teams import learn, tables_from_values, untrained, walking
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.core.game.draws import EVALUATION
@@ -13,7 +13,6 @@ from sparse_coord_ros.core.game.world import World
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables, greedy_team, play
-from sparse_coord_ros.core.runs.run import learn
 
 GAMMA = 0.95
 

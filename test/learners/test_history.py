@@ -51,7 +51,7 @@ def recorded():
 
 
 def test_what_is_counted():
-    history = recorded().history()
+    history = recorded().so_far
     assert (history.episodes, history.robots) == (3, 2)
     assert history.first_step.tolist() == [1, 8, 11]
     assert history.length.tolist() == [3, 1, 1]
@@ -78,10 +78,10 @@ def test_asking_for_it_in_between_changes_nothing():
             )
             recorder.add(*what)
             whole.add(*what)
-            before = recorder.history()
+            before = recorder.so_far
             assert before.length.sum() == before.miscoordinations.sum()
-    assert same_bits(recorder.history(), whole.history())
-    assert whole.history().episodes == 300
+    assert same_bits(recorder.so_far, whole.so_far)
+    assert whole.so_far.episodes == 300
     assert before.length[-1] == 3
 
 
@@ -89,7 +89,7 @@ def test_going_on_with_an_episode_and_after_one():
     expected = recorded()
     for under_way in (True, False):
         recorder = HistoryRecorder(
-            SCENARIO, history=recorded().history(), under_way=under_way
+            SCENARIO, history=recorded().so_far, under_way=under_way
         )
         what = (12, [MOVE, MOVE], outcome(reward(10.0), reward(), arrived=(0,)))
         recorder.add(0, *what)
@@ -97,12 +97,12 @@ def test_going_on_with_an_episode_and_after_one():
         if under_way:
             expected.add(3, *what)
             expected.add(4, 15, *what[1:])
-            assert same_bits(recorder.history(), expected.history())
-        assert recorder.history().episodes == (4 if under_way else 5)
+            assert same_bits(recorder.so_far, expected.so_far)
+        assert recorder.so_far.episodes == (4 if under_way else 5)
 
 
 def test_curves():
-    history = recorded().history()
+    history = recorded().so_far
     steps, lengths = history.curve("length")
     assert (steps.tolist(), lengths.tolist()) == ([0, 3, 4], [3, 1, 1])
     steps, returns = history.curve("returns", 2)
@@ -127,7 +127,7 @@ def test_curves_of_robots_that_learned_alone():
             actions = [acts if robot == k else None for robot in range(2)]
             told = outcome(reward(), reward(), met=k == 1)
             recorder.add(episode, 1 + 10 * episode + k, actions, told)
-        parts.append(recorder.history())
+        parts.append(recorder.so_far)
         parts[k].present[:, 1 - k] = False
     history = concatenated(parts)
     assert history.curve("returns", robot=2)[1].tolist() == [-5.0] * 3
@@ -139,7 +139,7 @@ def test_curves_of_robots_that_learned_alone():
 
 
 def test_data_frame():
-    frame = recorded().history().to_pandas(["a", "b"])
+    frame = recorded().so_far.to_pandas(["a", "b"])
     assert len(frame) == 6
     row = frame[(frame.episode == 0) & (frame.robot == "b")].iloc[0]
     assert row.to_dict() == {
@@ -155,14 +155,14 @@ def test_data_frame():
 
 
 def test_file(tmp_path):
-    history = recorded().history()
+    history = recorded().so_far
     history.save(tmp_path)
     found = load_history(tmp_path)
     assert same_bits(found, history)
     assert [array.dtype for array in found] == [array.dtype for array in history]
     other = recorded()
     other.add(3, 12, [MOVE, None], outcome(reward(), reward()))
-    assert not same_bits(other.history(), history)
+    assert not same_bits(other.so_far, history)
     blank_history(0, 4).save(tmp_path)
     assert same_bits(load_history(tmp_path), blank_history(0, 4))
     assert not same_bits(blank_history(0, 4), blank_history(0, 3))
@@ -171,7 +171,7 @@ def test_file(tmp_path):
 def test_files_that_are_none(tmp_path):
     with pytest.raises(RunError, match="history.npz"):
         load_history(tmp_path)
-    recorded().history().save(tmp_path)
+    recorded().so_far.save(tmp_path)
     file = tmp_path / HISTORY_FILE
     whole = file.read_bytes()
     for broken in (b"PK", whole[:-9]):

@@ -6,6 +6,7 @@ import inspect
 
 import numpy as np
 import pytest
+from teams import learn
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.compiling import has_numba
@@ -18,7 +19,6 @@ from sparse_coord_ros.core.learners.agent import Agent, Decision
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.learner import HOOKS, Learner
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.run import learn
 
 
 @pytest.mark.parametrize("name", ["choose", "epsilon", "lern", "memory"])

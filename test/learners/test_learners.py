@@ -3,7 +3,7 @@
 """Learners as objects: what each of them says of itself, and the user's own."""
 
 import pytest
-from teams import by_agents, memories_equal, tables_equal
+from teams import by_agents, learn, memories_equal, tables_equal
 
 from sparse_coord_ros.base.compiling import has_numba
 from sparse_coord_ros.base.errors import PluginError, SettingError, SparseCoordError
@@ -13,7 +13,6 @@ from sparse_coord_ros.core.game.world import RewardWeights
 from sparse_coord_ros.core.learners.coop import Coop
 from sparse_coord_ros.core.learners.registry import LEARNERS, learner_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run, run_from_yaml
 
 SHORT = {"steps": 3000, "penalty": -40}

@@ -7,13 +7,12 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from teams import PROTOCOL, memories_equal, tables_equal
+from teams import PROTOCOL, learn, memories_equal, tables_equal
 
 from sparse_coord_ros.core.game.perception import sight_of
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.core.game.sight import probabilities_between
-from sparse_coord_ros.core.runs.run import learn
 
 GIVEN = {**PROTOCOL, "perception": "always"}
 

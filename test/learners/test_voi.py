@@ -8,7 +8,7 @@ Models of moves and values are set by hand, whatever the map is.
 
 import numpy as np
 import pytest
-from teams import drawn, memories_equal
+from teams import drawn, learn, memories_equal
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
@@ -23,7 +23,6 @@ from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.table import find, met
 from sparse_coord_ros.core.learners.voi import CELLS, FORBIDDEN, NOT_FELT, Voi
-from sparse_coord_ros.core.runs.run import learn
 
 X, Y, Z, Z2 = 2, 3, 4, 5
 ASKS, DOES_NOT_ASK = "rho", "rho0"

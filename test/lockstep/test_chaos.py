@@ -10,11 +10,10 @@ from functools import cache, partial
 import pytest
 from hypothesis import HealthCheck, Phase, event, given, settings
 from hypothesis import strategies as st
-from teams import tables_equal
+from teams import learn, tables_equal
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 
 from .team import WORLD, Team

@@ -7,11 +7,10 @@ import os
 from types import SimpleNamespace
 
 import pytest
-from teams import memories_equal, plain_run, same_bits, tables_equal
+from teams import learn, memories_equal, plain_run, same_bits, tables_equal
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.attempts import (
     MOST_BEHIND,
@@ -60,7 +59,7 @@ def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
     team.play([*killed_everywhere(700), *killed_everywhere(1100)])
     scenario = team.scenario  # with the learner's changes
     assert tables_equal(team.tables, learn(scenario, learner, 5))
-    assert same_bits(team.world.side.history.history(), history(scenario, learner))
+    assert same_bits(team.world.side.history.so_far, history(scenario, learner))
     assert not team.disturbed
     whole = Team(scenario, 2, learner=learner).play()
     # the counts beside the tables are also those of an unbroken run

@@ -2,20 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """World and robots over a network that shuffles, doubles, delays and loses messages.
 
-With messages in any order, the tables must be those of `core.runs.run.learn`, bit for bit. If
-messages are lost for good, exactly their transitions are not learned.
+With messages in any order, the tables must be those of `teams.learn`, bit for bit. If messages
+are lost for good, exactly their transitions are not learned.
 """
 
 import random
 
 import numpy as np
 import pytest
-from teams import PROTOCOL, tables_equal
+from teams import PROTOCOL, learn, tables_equal
 
 from sparse_coord_ros.core.game.perception import MODELS
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
-from sparse_coord_ros.core.runs.run import learn
 
 from .team import Team
 

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from teams import tables_from_values, untrained
+from teams import learn, tables_from_values, untrained
 
 from sparse_coord_ros.base.palette import ROBOT_COLOURS, ink_on, rgb
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.evaluation import greedy_agents
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 from sparse_coord_ros.protocol.wire.messages import OCCUPIED, Messages

@@ -321,7 +321,7 @@ def simulate():
                 for agent in agents:
                     agent.begin_episode()
         said.tables = [agent.tables for agent in agents]
-        said.history = recorder.history()
+        said.history = recorder.so_far
         return said
 
     return simulation

@@ -215,7 +215,7 @@ def test_what_was_learned_in_simulation_nav2_drives(
         )
     found = verify(tmp_path / "out" / "bag")
     assert found.same
-    history = world.lockstep.history.history()
+    history = world.lockstep.history.so_far
     assert history.arrived[:-1].all(), "whoever began an episode arrived"
     assert world.summary()["moves_failed"] == 0
     assert set(counts) == {"arrived"}

@@ -9,10 +9,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from teams import learn
 
 from sparse_coord_ros.base.errors import RunError, SparseCoordError
 from sparse_coord_ros.core.game.scenario import load_scenario
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.core.runs.saved_tables import save_team
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide

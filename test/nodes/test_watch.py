@@ -57,7 +57,7 @@ def test_what_is_heard_is_what_the_log_says(record, name):
             view.show(transitions=team_heard.seen, episode=team_heard.episode)
             frame = view.board.get("frame")
             seen[frame["step"]] = frame
-    assert same_bits(team_heard.history.history(), log.history())
+    assert same_bits(team_heard.history.so_far, log.history())
     assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(
         seen
     )
@@ -96,7 +96,7 @@ def test_topics_may_overtake_one_another(good, late):
         takes[message.topic](message.data)
     for _, message in held:
         takes[message.topic](message.data)
-    assert same_bits(team.history.history(), read_run(good.bag).history())
+    assert same_bits(team.history.so_far, read_run(good.bag).history())
     assert team.whole and team.seen == good.run.scenario.steps
 
 
@@ -219,7 +219,7 @@ def test_what_was_missed_is_said_and_begins_no_episode(good, what):
         team.tick()
     said = view.board.get("notice")["text"]
     assert team.whole == ("the curves lack" not in said) == (what == "nothing")
-    assert team.history.history().episodes == read_run(good.bag).history().episodes
+    assert team.history.so_far.episodes == read_run(good.bag).history().episodes
     view.notice("another thing")
     view.notice("")
     assert view.board.get("notice")["text"] == said  # it stays

@@ -25,15 +25,15 @@ def test_what_a_file_grows_by_is_read_and_its_end_under_another_name(record, tmp
     path.write_bytes(data[: offset + 100])
     log = GrowingLog(path)
     begun = log.last_step
-    assert 0 < begun < 600 and not log.finished and "it has no end" in log.damage
+    assert 0 < begun < 600 and not log.finished and "it has no end" in log.so_far.damage
     assert not log.extend()
     path.write_bytes(data[:-1000])
     assert log.extend() and log.last_step > begun
     path.write_bytes(data)
     path.rename(tmp_path / "a_0.mcap")
     log.extend()
-    assert log.finished and log.damage is None
-    assert equal(log.log, read_run(file))
+    assert log.finished and log.so_far.damage is None
+    assert equal(log.so_far, read_run(file))
 
 
 def test_the_history_in_parts_is_that_of_the_whole_log(record, monkeypatch):

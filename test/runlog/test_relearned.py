@@ -56,8 +56,8 @@ def test_tables_of_50_random_steps(record, monkeypatch, learner, kept):
 
 def test_what_nobody_wants_any_more_gives_the_recorded_tables(bag):
     log = GrowingLog(bag)
-    at = log.table_steps()[0][1]
-    recorded = log.tables_before(0, at).tables
+    at = log.so_far.table_steps()[0][1]
+    recorded = log.so_far.tables_before(0, at).tables
     found = Relearned(log).tables(at + 50, lambda: False)
     assert found[0][0] == at and tables_equal([found[0][1]], [recorded])
 
@@ -72,7 +72,7 @@ def test_behind_a_loss_the_recorded_tables_are_given(record, rewritten, tmp_path
     )
     log = GrowingLog(directory)
     again = Relearned(log)
-    before, behind = [at for at in log.table_steps()[0] if 0 < at][:2]
+    before, behind = [at for at in log.so_far.table_steps()[0] if 0 < at][:2]
     assert again.tables(320)[0][0] == before < 300 < behind
     assert again.tables(behind + 10)[0][0] == behind + 10
 

@@ -6,11 +6,10 @@ import struct
 
 import numpy as np
 import pytest
-from teams import tables_equal
+from teams import learn, tables_equal
 
 from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.learners.mind import memory_before
-from sparse_coord_ros.core.runs.run import learn
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import (
     ASKS_TO_LEARN,

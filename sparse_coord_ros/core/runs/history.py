@@ -339,10 +339,7 @@ class HistoryRecorder:
         self._rows.present[self._used] = True
         self._used += 1
 
-    def history(self) -> History:
-        """Return the episodes so far, the one under way included; a copy."""
-        return self.look().copy()
-
-    def look(self) -> History:
-        """As `history`, without a copy: valid until the next transition."""
+    @property
+    def so_far(self) -> History:
+        """The episodes so far, the one under way included: no copy, valid until the next `add`."""
         return self._rows.first(self._used)

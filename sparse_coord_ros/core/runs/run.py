@@ -11,7 +11,6 @@ from sparse_coord_ros.core.game.actions import COORDINATE
 from sparse_coord_ros.core.game.draws import LEARNING, PEER, ROBOT, draw, keys_of
 from sparse_coord_ros.core.game.interactions import miscoordinates
 from sparse_coord_ros.core.game.perception import asked_peers
-from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.game.world import (
     FIRST_STEP,
     Action,
@@ -19,9 +18,7 @@ from sparse_coord_ros.core.game.world import (
     before_episode,
 )
 from sparse_coord_ros.core.learners.agent import Decision, action_of
-from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, team_mind, with_room
-from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import of_run
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs import loop
@@ -240,15 +237,6 @@ def _beginning(team: Team) -> LearningState:
     groups = len(team.groups)
     first = before_episode(0, FIRST_STEP, robots)
     return LearningState((first,) * groups, (), (blank_history(0, robots),) * groups)
-
-
-def learn(
-    scenario: Scenario, learner: str | Learner, seed: int, *, compiled: bool = False
-) -> list[Tables]:
-    """Return the tables learned in the scenario's budget, by default in plain Python."""
-    run = LearningRun(Team(scenario, learner_of(learner), compiled=compiled), seed)
-    run.advance(scenario.steps)
-    return run.tables
 
 
 OF_ROBOTS = ("returns", "asks", "arrived")

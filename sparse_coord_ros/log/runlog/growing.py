@@ -10,7 +10,7 @@ import numpy as np
 
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.log.bags.reader import Bag, bag_files
-from sparse_coord_ros.log.runlog.log import RecordedTables, RunLog
+from sparse_coord_ros.log.runlog.log import RunLog
 from sparse_coord_ros.log.runlog.reading import Reader, arrange, find_run, sort
 
 STEPS_AROUND = 500
@@ -74,7 +74,7 @@ class GrowingLog:
 
     Attributes:
         run: the run.
-        log: all that was read so far.
+        so_far: all that was read so far.
 
     Raises:
         BagError: the bag cannot be read, contains no run, or has another format.
@@ -86,7 +86,7 @@ class GrowingLog:
         bag_run = find_run(self._bag)
         self.run = bag_run.run
         self._reader = Reader(self._bag, bag_run)
-        self.log = self._read_on()
+        self.so_far = self._read_on()
 
     def _read_on(self) -> RunLog:
         messages = self._reader.read()
@@ -100,7 +100,7 @@ class GrowingLog:
             last.path.exists() and last.path.stat().st_size == last.size
         ):
             return False
-        self.log = self._read_on()
+        self.so_far = self._read_on()
         return self._bag.message_count != before
 
     @property
@@ -124,28 +124,19 @@ class GrowingLog:
         return self._bag.damage is not None
 
     @property
-    def damage(self) -> str | None:
-        """One line if reading has reached damage, or the bag has no end; else None."""
-        return self.log.damage
-
-    @property
     def last_step(self) -> int:
         """The newest time step."""
-        return int(self.log.step.max(initial=0))
+        return int(self.so_far.step.max(initial=0))
 
     @property
     def empty(self) -> bool:
         """True if it contains no time step."""
-        return not len(self.log.step)
-
-    def read(self, first: int, last: int) -> RunLog:
-        """Return the time steps from `first` to `last`."""
-        return self.log.between(first, last)
+        return not len(self.so_far.step)
 
     def around(self, step: int) -> RunLog:
         """Return the time steps around one, or around the newest."""
         step = min(step, self.last_step)
-        return self.read(max(0, step - STEPS_AROUND), step + STEPS_AROUND)
+        return self.so_far.between(max(0, step - STEPS_AROUND), step + STEPS_AROUND)
 
     def episodes(self, begin: int = 0) -> Iterator[Episodes]:
         """Yield the learning history from a time step on, part by part.
@@ -159,7 +150,7 @@ class GrowingLog:
         while begin <= end_of_all:
             read_to = min(begin + size, end_of_all)
             at_end = read_to == end_of_all
-            log = self.read(begin, read_to)
+            log = self.so_far.between(begin, read_to)
             history = log.history()
             if not at_end and history.episodes < 2:
                 size = 2 * size  # an episode may be longer
@@ -179,13 +170,3 @@ class GrowingLog:
             if at_end:
                 return
             begin = end
-
-    def tables_before(
-        self, robot: int, step: int | None = None
-    ) -> RecordedTables | None:
-        """As `RunLog.tables_before`."""
-        return self.log.tables_before(robot, step)
-
-    def table_steps(self) -> list[list[int]]:
-        """As `RunLog.table_steps`."""
-        return self.log.table_steps()

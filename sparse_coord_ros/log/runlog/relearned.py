@@ -75,7 +75,7 @@ class Relearned:
     def _recorded(self, step: int) -> list[RecordedTables]:
         """Return each robot's newest recorded tables up to a time step, if it has any."""
         robots = range(len(self._log.run.scenario.robots))
-        newest = (self._log.tables_before(k, step) for k in robots)
+        newest = (self._log.so_far.tables_before(k, step) for k in robots)
         return [tables for tables in newest if tables is not None]
 
     def tables(
@@ -116,7 +116,7 @@ class Relearned:
 
     def _first(self, step: int) -> int | None:
         """Return the newest time step, up to a given one, with known tables of all robots."""
-        common = set.intersection(*map(set, self._log.table_steps()))
+        common = set.intersection(*map(set, self._log.so_far.table_steps()))
         return max((at for at in {*common, *self._kept} if at <= step), default=None)
 
     def reasons(
@@ -183,7 +183,7 @@ class Relearned:
         first = saved[0].step
         wait = self._log.run.scenario.max_steps + EPISODE_GAP
         # The state before the first one shows whether an episode begins there.
-        log = self._log.read(max(0, first - 1), first + AT_ONCE + wait)
+        log = self._log.so_far.between(max(0, first - 1), first + AT_ONCE + wait)
         if not log.whole:
             return None
         steps = []

@@ -125,7 +125,7 @@ class WorldSide:
         counts = (world.episode, world.miscoordinations, *own)
         step = world.step if step is None else step
         absent = tuple(sorted(self.absent))
-        history = self.history.history()
+        history = self.history.so_far.copy()
         return WorldState(step, world.position(), counts, self.began, absent, history)
 
     def go_on_from(self, state: WorldState | None) -> None:

@@ -226,7 +226,7 @@ class InsideWatch(ParameterNode):
             if side is not None:  # in a resumed run it includes earlier counts
                 asked[k] = np.maximum(asked[k], side.agent.asked_in)
         self._view.show_learned(
-            self._world.lockstep.history.look(), tables, asked=asked
+            self._world.lockstep.history.so_far, tables, asked=asked
         )
 
     def finish(self, *, interrupted: bool) -> None:
@@ -332,7 +332,7 @@ class WatchNode(Follower):
         made = max(self._transitions, team.seen) if team.whole else self._transitions
         team.view.show(transitions=made, episode=team.episode, rate=self.controls.rate)
         if team.view.slow_due():
-            team.view.show_learned(team.history.look(), team.tables)
+            team.view.show_learned(team.history.so_far, team.tables)
 
     def look_for_the_world(self, now: float) -> None:
         """Report that the world is gone; the page waits for the next team."""

@@ -462,7 +462,7 @@ class WorldSimulator(ParameterNode):
 
     def _write_outcome(self, out: Path) -> None:
         write_whole(out / SUMMARY_FILE, to_yaml(self.summary()))
-        self.lockstep.history.history().save(out)
+        self.lockstep.history.so_far.save(out)
 
     def _counts(self) -> dict[str, Any]:
         """Return the counts of summary and diagnostics."""

@@ -117,7 +117,7 @@ class BagSource(controls.Played):
             if self.growing:
                 what = "its recording has just started; try again soon"
             raise BagError(f"{path}: holds no message to show: {what}")
-        log = self.log.log
+        log = self.log.so_far
         acted = np.flatnonzero((log.cells != NONE).any(axis=1))
         self.first = int(log.step[acted[0]] if len(acted) else log.step[0])
         self.position = float(self.log.last_step if self.growing else self.first)
@@ -150,14 +150,14 @@ class BagSource(controls.Played):
             self._find_highlight()
             self._show_again()
         if step is not None:
-            self._go(self.log.log.time_step(step))
+            self._go(self.log.so_far.time_step(step))
 
     def _find_highlight(self) -> None:
         """Find the episode that shows what was learned, and say so."""
         last = self.log.last_step
         most = max(SHOWN_STEPS, 4 * self.run.scenario.max_steps)
         try:
-            log = self.log.read(max(0, last - most), last)
+            log = self.log.so_far.between(max(0, last - most), last)
             # the first one may be cut
             whole = log.history().first_step[int(last > most) :]
             newest = self.newest()
@@ -176,7 +176,7 @@ class BagSource(controls.Played):
         """Return every robot's newest tables; an empty list if a robot has none."""
         newest = []
         for k in range(len(self.run.scenario.robots)):
-            entry = self.log.tables_before(k)
+            entry = self.log.so_far.tables_before(k)
             if entry is None:
                 return []
             newest.append(entry)
@@ -431,7 +431,7 @@ class BagSource(controls.Played):
         counted = [self._counts.made_before(step) for step in last]
         if not self._new("dialogue", (last, counted, since, self._reasons_known)):
             return
-        known = {k for k, at in enumerate(self.log.table_steps()) if at}
+        known = {k for k, at in enumerate(self.log.so_far.table_steps()) if at}
         entries: list[Message] = []
         questions: list[tuple[int, AskedQuestion]] = []
         for question_row in asking.tolist():
@@ -472,8 +472,8 @@ class BagSource(controls.Played):
         text = ""
         if self.growing and not log.damaged:
             text = "still being recorded: the page follows it"
-        elif log.damage is not None:
-            text = log.damage
+        elif log.so_far.damage is not None:
+            text = log.so_far.damage
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
@@ -490,7 +490,7 @@ class BagSource(controls.Played):
         """
         step = int(self.position)
         following = self.following
-        steps = self.log.table_steps() if following else None
+        steps = self.log.so_far.table_steps() if following else None
 
         def still() -> bool:
             here = 0 <= self.position - step < STILL_STEPS

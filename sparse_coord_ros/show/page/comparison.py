@@ -119,7 +119,7 @@ class Comparison(controls.Played):
     def show_step(self, step: int) -> None:
         """Begin at a time step of all runs: that of a learning step of the first."""
         self.axis = controls.TIME_STEP
-        step = self.sources[0].log.log.time_step(step)
+        step = self.sources[0].log.so_far.time_step(step)
         self.position = float(self.alignment().position_of(0, step))
 
     def _axes(self) -> list[str]:

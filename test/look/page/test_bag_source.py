@@ -229,7 +229,7 @@ def test_a_run_in_which_nobody_learns_has_its_rows_too(name, learner, record, tm
     tables = record(name, settings={"steps": 600, **seen}, values=values).bag
     load = Player(tables)
     robots = range(len(load.source.run.scenario.robots))
-    own = [load.source.log.tables_before(k).tables for k in robots]
+    own = [load.source.log.so_far.tables_before(k).tables for k in robots]
     save_team(tmp_path, [one.memory for one in own])
     values |= {"greedy": True, "tables": str(tmp_path)}
     recorded = record(name, settings={"steps": 200}, values=values)
@@ -273,7 +273,7 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
             counts = counts.with_part(begin, part)
         begin = part.last_step + 1
     assert begin > log.step[-1] and counts.read_to >= log.step[-1]
-    nothing = long.read(0, 0)
+    nothing = long.so_far.between(0, 0)
     for row in range(0, len(log.step), 17):
         found = counts.up_to(int(log.step[row]), nothing)
         asked = log.asked[: row + 1]
@@ -288,7 +288,9 @@ def test_sums_of_many_questions_are_the_questions(bag, monkeypatch):
     assert found.asked.sum(axis=1).tolist() == asked.sum(axis=0).tolist()
     assert found.questions == asked.sum() and found.read_to == step
     assert found.episodes == (log.history().first_step <= step).sum()
-    late = counts.up_to(step, long.read(step, step))  # nor does that go back to it
+    late = counts.up_to(
+        step, long.so_far.between(step, step)
+    )  # nor does that go back to it
     assert late.read_to == counts.read_to and late.questions < found.questions
 
 
@@ -396,7 +398,7 @@ def test_a_bag_opens_on_what_was_learned(learned):
     assert log.asked[row, k] and log.perceived[row, k]
     home = log.run.scenario.map.distances_to(log.run.scenario.robots[k].goal)
     cell, peer = log.cells[row, [k, 1 - k]].tolist()
-    newest = player.source.log.tables_before(k).tables
+    newest = player.source.log.so_far.tables_before(k).tables
     move = newest.q_coord[cell, peer].argmax()
     assert move == log.move[row, k] and newest.q_star[cell].argmax() == COORDINATE
     back = home[log.run.scenario.map.next_cell[cell, move]] - home[cell]
@@ -457,7 +459,7 @@ def test_where_no_answer_changes_a_move_the_headline_is_the_verdict(record):
 def tables(learned):
     """Return what each robot had learned in the end."""
     log = GrowingLog(learned)
-    return [log.tables_before(k).tables for k in range(2)]
+    return [log.so_far.tables_before(k).tables for k in range(2)]
 
 
 @pytest.fixture
@@ -510,7 +512,7 @@ def test_of_a_larger_team_one_robot_is_told(record):
     settings = {"steps": 600, "penalty": -100}
     bag = record("env2-4r", settings=settings, values={"learner": "voi"}).bag
     long_log = GrowingLog(bag)
-    tables = [long_log.tables_before(k).tables for k in range(4)]
+    tables = [long_log.so_far.tables_before(k).tables for k in range(4)]
     log = read_run(bag)
     narrator = Narrator(log.run.scenario)
     team = LearnedTeam(log.run, tables)
@@ -586,7 +588,7 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     player.source.learn()
     assert (
         player.board.get("tables")["robots"][0]["step"]
-        in player.source.log.table_steps()[0]
+        in player.source.log.so_far.table_steps()[0]
     )
     assert (
         before["state"] == "following"
