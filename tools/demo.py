@@ -152,4 +152,7 @@ def can_open(environment: Mapping[str, str], *, terminal: bool) -> bool:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Progress of long calls: a bar with the time left, at a terminal and in notebooks."""
 
+import math
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -31,15 +33,20 @@ class MovingLine:
     def __init__(self, unit: str) -> None:
         self.watched = sys.stderr.isatty() or "ipykernel" in sys.modules
         self._unit = unit
-        self._first: tuple[int, float] | None = None
+        self._first = (0, 0.0)
+        self._done = math.inf
         self._drawn_at = 0.0
         self._length = 0
 
     def words(self, done: int, total: int, name: str = "") -> tuple[str, str]:
-        """Return the count in words, and the time left at the pace since the first count."""
+        """Return the count in words, and the time left at the pace since the first count.
+
+        A count that falls is the first one of other work.
+        """
         now = time.monotonic()
-        if self._first is None:
+        if done < self._done:
             self._first = done, now
+        self._done = done
         made = done - self._first[0]
         left = ""
         if made > 0:
@@ -48,10 +55,11 @@ class MovingLine:
         return f"{name} {done:,} of {total:,} {self._unit}".lstrip(), left
 
     def show(self, text: str) -> None:
-        """Draw a text, if the one before has stood long enough."""
+        """Draw the end of a text, as much as fits, if the one before has stood long enough."""
         if not self.watched or time.monotonic() - self._drawn_at < DRAWN_AFTER:
             return
-        self._write(text)
+        # A terminal would go on in a further line, which is not drawn over.
+        self._write(text[1 - shutil.get_terminal_size().columns :])
         self._drawn_at = time.monotonic()
 
     def close(self) -> None:

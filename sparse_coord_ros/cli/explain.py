@@ -37,21 +37,21 @@ def execute(options: argparse.Namespace) -> None:
         _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
-    step = next((t for t in steps if log.made_before(t) >= options.step), None)
+    made = [log.made_before(t) for t in steps]
+    at = next((number for number in made if number >= options.step), None)
     found = []
     interactions = []
-    if step is not None:
+    if at is not None:
+        step = steps[made.index(at)]
         found = [
             coordination for k in asked for coordination in explained(log, k, [step])
         ]
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
     lines = [] if log.damage is None else [log.damage]
-    made = [log.made_before(t) for t in steps]
-    lines += _which_step(options.robot or "all robots", options.step, made)
+    lines += _which_step(options.robot or "all robots", options.step, at, made)
     for coordination in found:
         lines += in_words(log, coordination)
-    at = None if step is None else log.made_before(step)
     lines += [f"at the end of step {at}: {sentence}" for sentence in interactions]
     facts = [
         {**coordination._asdict(), "robot": log.names[coordination.robot], "step": at}
@@ -66,15 +66,17 @@ def execute(options: argparse.Namespace) -> None:
     tell(options, document, *lines)
 
 
-def _which_step(who: str, wanted: int, steps: Sequence[int]) -> list[str]:
+def _which_step(
+    who: str, wanted: int, step: int | None, steps: Sequence[int]
+) -> list[str]:
     """Return a line if another step than the wanted one is explained, or none.
 
     Args:
         who: the robots, in words.
         wanted: the wanted step.
+        step: the explained one; None: there is no question from the wanted one on.
         steps: all steps with a question, ascending.
     """
-    step = next((one for one in steps if one >= wanted), None)
     if step is None:
         last = max(steps, default="none")
         return [f"{who}: no question from step {wanted} on; the last: {last}"]

@@ -27,7 +27,12 @@ from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
 from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
-from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, drive, limits_of
+from sparse_coord_ros.lab.driving.trials import (
+    DRIVE_SETTINGS,
+    drive,
+    limits_of,
+    remedies,
+)
 from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
@@ -449,3 +454,19 @@ def test_bodies_without_time_stay_where_they_are(team):
     driven = drive(run, tables, episodes=1, seed=4, values=values)
     sent = driven.team.bodies
     assert sent.failed > 0.5 * driven.team.moves and sent.lost == 0
+
+
+@pytest.mark.parametrize(
+    "interactions",
+    ["together", "together:any_doorway", "swap+block", "together+block:anywhere"],
+)
+def test_interactions_that_a_remedy_names_are_allowed(team, interactions):
+    run, tables = team
+    driven = drive(run, tables, episodes=1, seed=4, values=VALUES)
+    scenario = load_scenario("env1", interactions=interactions)
+    touched = replace(driven, elsewhere=np.array([1]))
+    *_, sentence = remedies(make_run(scenario, {}), touched)
+    wanted = sentence.partition("interactions=")[2].rstrip(".")
+    blocks = {kind: at for kind, at in scenario.kinds.items() if kind == "block"}
+    kinds = {"together": "anywhere", "swap": "", **blocks}
+    assert load_scenario("env1", interactions=wanted).kinds == kinds

@@ -260,10 +260,8 @@ def _remedy_elsewhere(run: RunConfig) -> str:
     kinds = run.scenario.interactions.split("+")
     if {"together:anywhere", "swap"} <= set(kinds):
         return f"{what}: let the team learn longer, or take larger cells."
-    others = [
-        kind for kind in kinds if kind not in ("together", "together:anywhere", "swap")
-    ]
-    wanted = "+".join(["together:anywhere", "swap", *others])
+    blocks = [kind for kind in kinds if kind.startswith("block")]
+    wanted = "+".join(["together:anywhere", "swap", *blocks])
     return (
         f"{what}, where robots may share and exchange cells: let them learn with "
         f"--set interactions={wanted}."

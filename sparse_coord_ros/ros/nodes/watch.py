@@ -431,7 +431,7 @@ class HeardTeam:
     def leave(self) -> None:
         """Destroy the subscriptions."""
         for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+            self._node.subscriber.leave(subscription)
 
     def _on_action(self, k: int, step: int, action: Action, report: SelfReport) -> None:
         self._steps[step].said[k] = action, PerceptEnd.said(report.percept)

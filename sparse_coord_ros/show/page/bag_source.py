@@ -138,6 +138,7 @@ class BagSource(controls.Played):
         self._reasons: dict[tuple[int, int], explain.Reason | None] = {}
         self._reasons_known = 0
         self._stop = threading.Event()
+        self._looks = time.monotonic()  # when it looks again whether the file has grown
         fields = page_messages.run_fields(self.run)
         path_of_bag = self.log.path
         in_a_folder = path_of_bag.is_file() and path_of_bag.parent.name != ""
@@ -234,20 +235,24 @@ class BagSource(controls.Played):
 
     def play(self) -> None:
         """Play until interrupted; time stands still while no page is open."""
-        looks = time.monotonic()
         self.tick()
         with self.reading():
             while True:
-                if self.growing and time.monotonic() >= looks:
-                    begun = time.monotonic()
-                    self.look()
-                    took = time.monotonic() - begun
-                    looks = time.monotonic() + max(GROWTH_SECONDS, LOOKING * took)
+                self.look_when_due()
                 if self.board.pages:
                     self.tick()
                 else:
                     self.stand_still()
                 time.sleep(FRAME_SECONDS)
+
+    def look_when_due(self) -> None:
+        """Look whether the file has grown, if the last time was long enough ago."""
+        begun = time.monotonic()
+        if not self.growing or begun < self._looks:
+            return
+        self.look()
+        now = time.monotonic()
+        self._looks = now + max(GROWTH_SECONDS, LOOKING * (now - begun))
 
     @contextmanager
     def reading(self) -> Iterator[None]:

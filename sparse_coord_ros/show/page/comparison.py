@@ -14,7 +14,6 @@ from sparse_coord_ros.show.page import controls
 from sparse_coord_ros.show.page.bag_source import (
     FIRST_RATE,
     FRAME_SECONDS,
-    GROWTH_SECONDS,
     LINGER,
     SHOWN_RATE,
     BagSource,
@@ -168,16 +167,12 @@ class Comparison(controls.Played):
 
     def play(self) -> None:
         """Play until interrupted."""
-        looked = time.monotonic()
         with ExitStack() as stack:
             for source in self.sources:
                 stack.enter_context(source.reading())
             while True:
-                if time.monotonic() - looked >= GROWTH_SECONDS:
-                    looked = time.monotonic()
-                    for source in self.sources:
-                        if source.growing:
-                            source.look()
+                for source in self.sources:
+                    source.look_when_due()
                 self.tick()
                 time.sleep(FRAME_SECONDS)
 

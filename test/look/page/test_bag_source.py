@@ -632,6 +632,23 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     )
 
 
+def test_a_long_look_at_a_file_is_followed_by_a_longer_pause(player, monkeypatch):
+    looks = []
+
+    def look():
+        looks.append(Player.now)
+        Player.now += 2.0
+
+    player.source.growing = True
+    monkeypatch.setattr(player.source, "look", look)
+    counts = []
+    for later in (0.0, 1.0, 18.0, 1.5):
+        Player.now += later
+        player.source.look_when_due()
+        counts.append(len(looks))
+    assert counts == [1, 1, 1, 2]
+
+
 @pytest.mark.parametrize(
     ("recorded_now", "words"), [(True, "try again soon"), (False, "info'")]
 )
