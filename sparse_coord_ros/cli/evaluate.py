@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import RunError
+from sparse_coord_ros.base.files import read_text
+from sparse_coord_ros.base.yaml_text import yaml_value
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -34,7 +36,7 @@ from sparse_coord_ros.core.runs.measures import (
     SPREAD,
     Measures,
 )
-from sparse_coord_ros.core.runs.run_config import RunConfig, load_run
+from sparse_coord_ros.core.runs.run_config import SUMMARY_FILE, RunConfig, load_run
 from sparse_coord_ros.core.runs.saved_tables import load_team, missing_files
 from sparse_coord_ros.core.solve import shipped
 from sparse_coord_ros.core.solve.shortest_paths import shortest_paths
@@ -115,8 +117,8 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
     """
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
-        if (directory / kept).exists() and not robots_elsewhere(
-            directory, run.scenario
+        if (directory / kept).exists() and not (
+            robots_elsewhere(directory, run.scenario) or _is_finished(directory, run)
         ):
             remedy = f"continue with: sparse_coord {verb} --resume {directory}"
             what = f"{directory}: the run is not finished"
@@ -125,6 +127,15 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
             note(f"{what}, its tables are those of a checkpoint; {remedy}")
     tables = load_team(directory, run.scenario, run.rule)
     return Evaluated(directory, run, evaluation_of(run, tables, trials, seed))
+
+
+def _is_finished(directory: Path, run: RunConfig) -> bool:
+    """Return whether nodes that were started by hand have made all steps of their run."""
+    path = directory / SUMMARY_FILE
+    if not path.exists() or missing_files(directory, run.scenario):
+        return False
+    summary = yaml_value(read_text(path, RunError, "remove it"), where=str(path)) or {}
+    return summary.get("transitions") == run.scenario.steps
 
 
 def evaluation_of(

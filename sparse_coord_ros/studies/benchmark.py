@@ -26,7 +26,6 @@ from sparse_coord_ros.studies.condition_result import ConditionResult
 from sparse_coord_ros.studies.conditions import Condition, make_condition
 from sparse_coord_ros.studies.lists import (
     LISTS,
-    PENALTY,
     SAMPLED,
     TUNING,
     Item,
@@ -68,7 +67,7 @@ def benchmark(
     progress: Show = True,
     **settings: object,
 ) -> list[dict[str, Any]]:
-    """Judge learners on fixed lists of scenarios, at a penalty of -100.
+    """Judge learners on fixed lists of scenarios, each with its own penalty (-100 in all lists).
 
     Args:
         learners: a learner, or several.
@@ -153,7 +152,7 @@ def _conditions(
     Raises:
         SettingError: a setting to change is bad, or does not fit.
     """
-    games = [(item.scenario, {**item.settings, "penalty": PENALTY}) for item in items]
+    games = [(item.scenario, dict(item.settings)) for item in items]
     try:
         for scenario, game in games:
             make_condition(scenario, learner, game)

@@ -33,7 +33,7 @@ class Item(NamedTuple):
 
     Attributes:
         scenario: its name.
-        settings: those that the list changes, besides the penalty.
+        settings: those that the list changes.
     """
 
     scenario: str

@@ -11,6 +11,7 @@ from teams import tables_in
 from sparse_coord_ros.cli import evaluate as module
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
+from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.core.solve.exact import evaluate_exact
 
 
@@ -121,6 +122,12 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
     )
     remedy = f"; continue with: sparse_coord {verb} --resume a\n"
     assert err.endswith(remedy)
+    summary = folder / "a" / "summary.yaml"
+    whole = summary.read_text()
+    steps = load_run(folder / "a").scenario.steps
+    summary.write_text(f"transitions: {steps}\n")  # of nodes that were started by hand
+    assert "not finished" not in sparse_coord("evaluate", "a", "--trials", 10)[2]
+    summary.write_text(whole)
     (folder / "a" / "tables.npz").unlink()
     code, _, err = sparse_coord("evaluate", "a", "--trials", 10)
     assert code == 2

@@ -38,9 +38,15 @@ class WorldSpeed:
         self._ended = now
 
     def report(self, now: float) -> tuple[float, bool]:
-        """Return (transitions a second since the last report, whether there were any)."""
+        """Return (transitions a second since the last report, whether there were any).
+
+        At the end it is the speed of the whole run.
+        """
         made = self._world.transitions - self._transitions
-        rate = max(0, made) / (now - self.reported + 1e-9)
+        if self._ended is None:
+            rate = max(0, made) / (now - self.reported + 1e-9)
+        else:
+            rate = self.summary()["steps_per_second"]
         self.reported = now
         self._transitions = self._world.transitions
         return rate, self.begun and made != 0
