@@ -290,7 +290,8 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
 
     A doorway is a run of at most `longest` free cells, one after the other, that each have walls
     on two opposite sides, and that lead to `CRUMB` cells or more at both ends. Longer runs are
-    corridors.
+    corridors. A gap beside a thing that stands free, around which the ends meet in the cells near
+    the run, is no doorway.
     """
     doors = np.zeros(free.shape, dtype=np.int64)
     number = 0
@@ -300,10 +301,7 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
         # walls north and south: passed east
         between = view & wall[:-2, 1:-1] & wall[2:, 1:-1]
         for row, begin, end in _short_runs(between, longest):
-            if all(
-                _leads_on(view, row, column, (begin, end))
-                for column in (begin - 1, end)
-            ):
+            if _parts(view, row, (begin, end)):
                 number += 1
                 target[row, begin:end] = number
     return doors
@@ -356,19 +354,22 @@ def _passed_east(rooms: np.ndarray, longest: int) -> list[tuple[int, int]]:
     return passages
 
 
-def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> bool:
-    """Return whether `CRUMB` cells can be reached from the end of a run without going through it.
+def _parts(free: np.ndarray, row: int, run: tuple[int, int]) -> bool:
+    """Return whether a run parts the cells near it into two sides of `CRUMB` cells or more.
+
+    Near are cells at most `CRUMB` rows and columns away from it.
 
     Args:
         free: the grid's free cells, shape (rows, columns), bool.
         row: the run's row.
-        column: the column beside the run.
         run: its first column, and the one behind it.
     """
+    begin, end = run
     top = max(0, row - CRUMB)
-    left = max(0, column - CRUMB)
-    near = free[top : row + CRUMB + 1, left : column + CRUMB + 1].copy()
-    near[row - top, max(0, run[0] - left) : max(0, run[1] - left)] = False
+    left = max(0, begin - 1 - CRUMB)
+    near = free[top : row + CRUMB + 1, left : end + CRUMB + 1].copy()
+    near[row - top, begin - left : end - left] = False
     labels, _ = ndimage.label(near)
-    label = labels[row - top, column - left]
-    return bool(label and (labels == label).sum() >= CRUMB)
+    sides = [labels[row - top, column - left] for column in (begin - 1, end)]
+    large = all(side and (labels == side).sum() >= CRUMB for side in sides)
+    return large and sides[0] != sides[1]
