@@ -117,7 +117,8 @@ def learner_in(game):
 
 
 def test_each_learner_that_runs_live_is_here():
-    live = {name for name in LEARNERS.registered if learner_of(name).runs_live}
+    shipped = [name for name in LEARNERS.registered if ":" not in name]
+    live = {name for name in shipped if learner_of(name).runs_live}
     assert live == {learner_in(game) for game in GAMES}
 
 
