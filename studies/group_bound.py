@@ -34,8 +34,8 @@ from pathlib import Path
 import numpy as np
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
-from sparse_coord_ros.core.game.interactions import check_only_together
+from sparse_coord_ros.base.errors import SettingError, SparseCoordError
+from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.solve.optimum import payment, successors, value_alone
 from sparse_coord_ros.core.solve.shipped import game_digest
@@ -73,7 +73,12 @@ ENDS = 5
 
 def group_bound(scenario, size: int) -> float:
     """Return an upper bound by groups of at most so many robots, averaged over the robots."""
-    check_only_together(scenario, "bound by groups", "see the joint optimum")
+    if not only_together(interactions_of(scenario)):
+        allowed = "together, together:anywhere or together:any_doorway"
+        raise SettingError(
+            f"bound by groups: setting interactions is {scenario.interactions!r}, allowed: "
+            f"{allowed}, as it plans by the cells in which steps end; see the joint optimum"
+        )
     groups = split(pair_losses(scenario), size)
     print(f"{scenario.name}: groups {groups}", flush=True)
     total = sum(len(group) * group_optimum(scenario, group) for group in groups)

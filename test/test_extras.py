@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BARE = """
 import sys
 for name in ("matplotlib", "pandas", "aiohttp", "scipy", "PIL", "numba", "distributed",
-             "pettingzoo", "gymnasium", "argcomplete", "tqdm"):
+             "pettingzoo", "gymnasium", "argcomplete"):
     sys.modules[name] = None  # importing it raises ImportError
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main

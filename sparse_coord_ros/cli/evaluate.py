@@ -118,7 +118,7 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
     run = load_run(directory)
     for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
         if (directory / kept).exists() and not (
-            robots_elsewhere(directory, run.scenario) or _is_finished(directory, run)
+            robots_elsewhere(directory, run.scenario) or _made_all_steps(directory, run)
         ):
             remedy = f"continue with: sparse_coord {verb} --resume {directory}"
             what = f"{directory}: the run is not finished"
@@ -129,7 +129,7 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
     return Evaluated(directory, run, evaluation_of(run, tables, trials, seed))
 
 
-def _is_finished(directory: Path, run: RunConfig) -> bool:
+def _made_all_steps(directory: Path, run: RunConfig) -> bool:
     """Return whether nodes that were started by hand have made all steps of their run."""
     path = directory / SUMMARY_FILE
     if not path.exists() or missing_files(directory, run.scenario):

@@ -94,7 +94,6 @@ class EpisodePictures:
     """
 
     def __init__(self, scenario: Scenario, episode: Episode, title: str) -> None:
-        self._scenario = scenario
         self._episode = episode
         self._names = [robot.name for robot in scenario.robots]
         steps = episode.steps

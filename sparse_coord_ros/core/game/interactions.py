@@ -28,7 +28,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.base.compiling import jitable
-from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.scenario import Scenario
 
 NOWHERE = -1
@@ -88,22 +87,6 @@ def only_together(inter: Interactions) -> bool:
     If so, no robot changes where another one goes, and it does not matter where they come from.
     """
     return not (inter.swaps or inter.blocks)
-
-
-def check_only_together(scenario: Scenario, what: str, remedy: str) -> None:
-    """Raise `SettingError` unless robots interact at most by being together.
-
-    Args:
-        scenario: the problem.
-        what: what cannot plan with other interactions.
-        remedy: what to do.
-    """
-    if not only_together(interactions_of(scenario)):
-        allowed = "together, together:anywhere or together:any_doorway"
-        raise SettingError(
-            f"{what}: setting interactions is {scenario.interactions!r}, allowed: {allowed}, as "
-            f"it plans by the cells in which steps end; {remedy}"
-        )
 
 
 def _where(scenario: Scenario, variant: str) -> list[int]:

@@ -143,7 +143,7 @@ class CQ(Learner):
         first = True
         for j in range(task.robots):
             if (seen >> j) & 1:
-                row = find(mind.q_coord, k, pair_key(mind, task, k, cell, j, cells))
+                row = find(mind.q_coord, k, pair_key(mind, task, cell, j, cells))
                 for b in range(PRIMITIVES):
                     value = mind.q_coord.values[k, row, b]
                     if first or value < values[b]:
@@ -188,7 +188,7 @@ class CQ(Learner):
         pairs = mind.samples.shape[2] - PRIMITIVES
         for j in range(task.robots):
             if (now.seen >> j) & 1:
-                key = pair_key(mind, task, k, cell, j, now.cells)
+                key = pair_key(mind, task, cell, j, now.cells)
                 if differs(mind.samples[k, cell, PRIMITIVES + key % pairs], common):
                     row = met(mind.q_coord, task, k, key)
                     values = mind.q_coord.values[k, row]
@@ -198,14 +198,13 @@ class CQ(Learner):
 
 
 @jitable
-def pair_key(mind: Any, task: Task, k: int, cell: int, peer: int, cells: Any) -> int:
+def pair_key(mind: Any, task: Task, cell: int, peer: int, cells: Any) -> int:
     """Return the number of the joint state with a peer, of all own cells.
 
     Args:
         mind: the team's mind.
         task: its task.
-        k: the robot.
-        cell: its own cell.
+        cell: the robot's own cell.
         peer: the peer, which is told apart from others with `peers: all`.
         cells: the cells of all robots.
     """

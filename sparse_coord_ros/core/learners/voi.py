@@ -299,7 +299,7 @@ class Voi(Learner):
         follows = mind.last[k, STEP] + 1 == now.step
         if follows:
             learn_from_peers(mind, task, k, now)
-        count_move(mind, task, k, now)
+        count_move(mind, k, now)
         if now.action == COORDINATE:
             count_question(mind, task, k, now)
         learn_alone(mind, task, k, x)
@@ -354,7 +354,7 @@ def step_of(task: Task, x: int, j: int, z: int, z_next: int) -> int:
 
 
 @jitable
-def count_move(mind: Any, task: Task, k: int, now: Transition) -> None:
+def count_move(mind: Any, k: int, now: Transition) -> None:
     """Count a step in the model of moves."""
     x = now.cell
     if greatest(mind.tries[k, x], PRIMITIVES) == 0.0:

@@ -56,10 +56,10 @@ Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 """Puts the free fields of messages into rows; returns whether each is valid, None: all are."""
 
 
-def stamps_of(fields: np.ndarray, prefix: str = "") -> np.ndarray:
+def stamps_of(fields: np.ndarray) -> np.ndarray:
     """Return the stamps of messages' fields in nanoseconds, shape (messages,)."""
-    seconds = fields[f"{prefix}sec"].astype(np.int64)
-    return np.asarray(seconds * SECOND + fields[f"{prefix}nanosec"])
+    seconds = fields["sec"].astype(np.int64)
+    return np.asarray(seconds * SECOND + fields["nanosec"])
 
 
 def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
@@ -364,9 +364,7 @@ class Messages:
         if said is None:
             said = self._decoded(wire.LOCAL_STATE, POSE_FORM, data)
         sec, nanosec, x, y = said
-        cell = self._cells.get((x, y))
-        if cell is None:
-            cell = self.cell(x, y)
+        cell = self.cell(x, y)
         if cell is None:
             raise ValueError(
                 f"is at ({x:g}, {y:g}), no free cell of map {self.grid.name}"
