@@ -183,7 +183,7 @@ class Scene:
         """Return the asked peer (from 0, -1: all) and the percept's end; None: no question."""
         if not action.asked or step < self.step - 1:
             return None
-        end = PerceptEnd.said(report.percept)
+        end = PerceptEnd.from_number(report.percept)
         if action.perceived:
             end = PerceptEnd.ANSWERED
         return action.peer, FAILED if end is None else end.outcome

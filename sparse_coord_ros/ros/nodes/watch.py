@@ -185,7 +185,8 @@ class InsideWatch(ParameterNode):
                 for one in self._sides()
             ]
             ends = [
-                None if one is None else PerceptEnd.said(one.percept) for one in said
+                None if one is None else PerceptEnd.from_number(one.percept)
+                for one in said
             ]
         self._view.take(seen._replace(ends=ends))
 
@@ -434,7 +435,7 @@ class HeardTeam:
             self._node.subscriber.leave(subscription)
 
     def _on_action(self, k: int, step: int, action: Action, report: SelfReport) -> None:
-        self._steps[step].said[k] = action, PerceptEnd.said(report.percept)
+        self._steps[step].said[k] = action, PerceptEnd.from_number(report.percept)
         self.catch_up()
 
     def _on_reward(self, k: int, step: int, reward: Reward) -> None:
