@@ -230,7 +230,7 @@ def fog(grid, p):
 @contextmanager
 def forgotten():
     """Forget afterwards the module `theirs`, and what is registered in between."""
-    with patch.dict(LEARNERS._known), patch.dict(MODELS._known):
+    with patch.dict(LEARNERS.registered), patch.dict(MODELS.registered):
         yield
     sys.modules.pop("theirs", None)
 
