@@ -8,7 +8,6 @@ file; a learner as a `Learner`, its class, its name, or `module:Class`.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from importlib import import_module
 from itertools import product
@@ -441,7 +440,6 @@ def vector_env(
     seed: "Seeds" = None,
     asking: str = "half_steps",
     phase: str = "evaluation",
-    autoreset: str | Enum = "next_step",
 ) -> "VectorGame":
     """Return many games of a scenario at once, as a vector environment for a learner of any kind.
 
@@ -459,17 +457,13 @@ def vector_env(
             observation. They are different classes of teams.
         phase: "evaluation": episodes begin at the scenario's starts, and last `horizon` steps;
             "learning": exploring starts and `max_steps`, as learning episodes do here.
-        autoreset: when a game that has ended begins anew: "next_step", "same_step" or "disabled",
-            or one of gymnasium.vector.AutoresetMode.
 
     Raises:
         ScenarioError, SettingError: no such scenario, or a bad value.
     """
     from sparse_coord_ros.core.vector_env import VectorGame
 
-    return VectorGame(
-        scenario, games, seed=seed, asking=asking, phase=phase, autoreset=autoreset
-    )
+    return VectorGame(scenario, games, seed=seed, asking=asking, phase=phase)
 
 
 def pettingzoo_env(

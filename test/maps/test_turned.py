@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Buildings that lie askew: in their image, or with a yaw in the robots' frame."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -70,6 +71,18 @@ def test_a_turned_grid_finds_every_doorway_in_the_frame_of_the_robots(degrees):
     assert matched(doors, done.grid) == (len(doors), 0)
     assert not any("degrees" in note for note in done.notes)
     assert math.degrees(done.grid.origin.yaw) == pytest.approx(degrees, abs=0.3)
+
+
+def test_a_turned_grid_is_not_askew_where_unknown_space_is_free():
+    """The edges of the old image lie askew in the turned one, and are no walls."""
+    plan, _ = office(20)
+    free = plan.free | ~plan.occupied
+    open_plan = dataclasses.replace(plan, free=free)
+    yaw = wall_direction(open_plan)
+    done = import_map(turned(open_plan, yaw), cell=0.5, radius=0.2)
+    assert not any("degrees" in note for note in done.notes)
+    half = import_map(turned(open_plan, yaw / 2), cell=0.5, radius=0.2)
+    assert any("the walls lie at 10." in note for note in half.notes)
 
 
 def test_a_turned_scan_finds_every_doorway():

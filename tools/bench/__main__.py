@@ -7,6 +7,7 @@ Each figure is measured in a process of its own; figures and installations take 
 """
 
 import argparse
+import math
 import os
 import shutil
 import statistics
@@ -132,7 +133,13 @@ def measured(
 
 
 def measure(figure: Figure, python: str, cache: Path) -> float:
-    """Return a figure of the installation that has this Python; compiled loops are in `cache`."""
+    """Return a figure of an installation; NaN: the one beside this one does not have it.
+
+    Args:
+        figure: the figure.
+        python: the installation's Python.
+        cache: the folder of its compiled loops.
+    """
     if figure.compiles:
         shutil.rmtree(cache, ignore_errors=True)
     command = [python, str(HERE / "measure.py"), *figure.call]
@@ -141,9 +148,10 @@ def measure(figure: Figure, python: str, cache: Path) -> float:
         **os.environ,
         FOLDER_VARIABLE: str(cache),
     }
-    done = subprocess.run(
-        command, check=True, capture_output=True, text=True, env=environment
-    )
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if done.returncode and python != sys.executable:
+        return math.nan
+    done.check_returncode()
     return float(done.stdout)
 
 

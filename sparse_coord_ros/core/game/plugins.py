@@ -153,15 +153,6 @@ class Registry(Generic[T]):
         """The objects that are registered in this process, by name."""
         return dict(self._known)
 
-    @contextmanager
-    def temporary(self) -> Iterator[None]:
-        """Remove, at the end of the block, what the block registers."""
-        before = self.registered
-        try:
-            yield
-        finally:
-            self._known = dict(before)
-
     @property
     def usage(self) -> str:
         """The allowed names, in words."""

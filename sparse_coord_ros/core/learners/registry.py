@@ -36,7 +36,7 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (
+for _shipped in (
     Coop(),
     NonCoop(),
     Indiv(),
@@ -45,7 +45,7 @@ for _own in (
     CQ(),
     Joint(),
 ):
-    LEARNERS.register(_own.label, _own)
+    LEARNERS.register(_shipped.label, _shipped)
 
 
 LearnerLike = str | Learner | type[Learner]

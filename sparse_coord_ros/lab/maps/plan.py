@@ -182,9 +182,9 @@ def import_map(
     only_doors = (across > 0) & (gridding.across(bare & free, run) == 0)
     dusty = [frame.centre(tuple(cell)) for cell in np.argwhere(only_free | only_doors)]
     notes = [
+        *plan.remarks,  # first: they may explain the others
         *_notes(layout.cut, grid.doorway_count, parts, bool(robots), wide),
         *_dust_notes(space, frame, only_free, only_doors),
-        *plan.remarks,
         *_size_notes(cell, radius),
         *_direction_notes(plan),
     ]

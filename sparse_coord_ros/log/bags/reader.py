@@ -367,7 +367,7 @@ class Bag:
         """Return in one line that the bag is damaged, or has no end; None: neither.
 
         Args:
-            read_to: how far it was read, such as `time step 30`.
+            read_to: how far it was read, such as `step 30`.
         """
         if self.damage is not None:
             why = f"damaged at {self.damage}"

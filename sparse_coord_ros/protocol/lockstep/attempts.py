@@ -154,8 +154,8 @@ class WorldAttempts:
             none = node != RECORDER and said.checkpoints == (BEGINNING,)
             if none and len(saved) > 1:
                 raise RunError(
-                    f"{node} has no checkpoint of this run, which is at step {saved[0]}; all is "
-                    f"saved: start {node} with the 'out' that it had, or begin a new run"
+                    f"{node} has no checkpoint of this run; all is saved: start {node} with the "
+                    "'out' that it had, or begin a new run"
                 )
 
 

@@ -53,12 +53,9 @@ class Restart(WorldAttempts):
         if self.silent:
             return self.silent
         self._begin()
-        world = self._side.world
         if self.order.checkpoint != BEGINNING:
-            self._logger.info(
-                f"continuing from a checkpoint: transition {world.transitions}, "
-                f"step {world.step}"
-            )
+            step = self._side.world.transitions
+            self._logger.info(f"continuing from the checkpoint of step {step}")
         return self.waiting
 
     def look(self, now: float, *, all_listen: Callable[[], bool]) -> None:
@@ -82,11 +79,11 @@ class Restart(WorldAttempts):
         self._output.store.forget_before(self.oldest)
 
     def _came_back(self, name: str) -> None:
-        came = f"{name} came back at step {self._side.world.step}"
+        came = f"{name} came back at step {self._side.world.transitions}"
         self._begin()
-        step = self.order.checkpoint
+        step = self._side.world.transitions
         where = f"all nodes return to the checkpoint of step {step}"
-        if step == BEGINNING:
+        if self.order.checkpoint == BEGINNING:
             where = "the run begins anew, as there is no later checkpoint of all nodes"
         self._logger.warning(f"{came}: {where}")
 

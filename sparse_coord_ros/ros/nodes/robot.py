@@ -187,6 +187,7 @@ class RobotNode(Follower):
         self._asking = b""
         self._publish_tables(wire.Occasion.BEGIN)
         if step:
+            step = self.lockstep.transitions
             self.get_logger().info(
                 f"{self._name} continues from its checkpoint of step {step}"
             )
