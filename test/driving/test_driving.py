@@ -23,7 +23,7 @@ from sparse_coord_ros.lab.driving.body_simulator import (
     BodySimulator,
     Noise,
 )
-from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.cmd_vel_driver import CmdVelDriver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
 from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
@@ -203,9 +203,22 @@ def test_touches_are_counted_once_where_they_begin(metric_map):
     assert [touch.where for touch in simulator.touches] == [IN_DOORWAY, ELSEWHERE]
 
 
+class Driver(CmdVelDriver):
+    """A driver whose commands are returned beside its reports."""
+
+    def __init__(self, metric_map, limits, robot):
+        self.commands = []
+        super().__init__(metric_map, limits, robot, self.commands.append)
+
+    def both(self):
+        self.commands.clear()
+        reached = self.next(0.0)
+        return (self.commands[-1] if self.commands else None), reached
+
+
 def seen(driver, seconds, x, y, yaw=0.0):
     driver.sees(seconds, Pose(x, y, yaw))
-    return driver.next()
+    return driver.both()
 
 
 def goals(start, end, number=1, *, place=False, since=-9.0):
@@ -215,10 +228,10 @@ def goals(start, end, number=1, *, place=False, since=-9.0):
 def test_a_driver_drives_stops_and_reports(metric_map):
     driver = Driver(metric_map, LIMITS, 0)
     driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
-    assert driver.next() == (None, None)  # no pose yet
+    assert driver.both() == (None, None)  # no pose yet
     command, reached = seen(driver, 10.0, 0.7, 4.7)
     assert command.turn < 0 and reached is None and driver.busy
-    assert driver.next() == (None, None)  # nothing new
+    assert driver.both() == (None, None)  # nothing new
     command, reached = seen(driver, 11.5, *metric_map.place(0, CELLS[1, 0]))
     assert command == (0.0, 0.0)
     assert reached == (0, 1, CELLS[1, 0], True, 1.5, 11.5)
@@ -319,7 +332,7 @@ def test_a_driver_waits_for_a_pose_that_follows_its_goal(metric_map):
     driver = Driver(metric_map, LIMITS, 0)
     driver.sees(7.0, Pose(0.7, 4.7, 0.0))
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=7.1))
-    assert driver.next() == (None, None)
+    assert driver.both() == (None, None)
     assert seen(driver, 7.1, 0.7, 4.7) == (None, None)
     assert seen(driver, 7.2, 0.7, 4.7)[0] is not None
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
@@ -333,7 +346,7 @@ def test_a_goal_overtakes_the_poses_of_a_long_drive_of_others(metric_map):
     driver = Driver(metric_map, LIMITS, 0)
     driver.sees(7.0, Pose(0.7, 4.7, 0.0))
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=9.0))
-    assert driver.next() == (None, None)
+    assert driver.both() == (None, None)
     for k in range(1, 21):
         assert seen(driver, 7.0 + k / 10, 0.7, 4.7) == (None, None)
     assert seen(driver, 9.1, 0.7, 4.7)[0] is not None
