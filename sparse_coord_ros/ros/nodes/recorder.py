@@ -411,13 +411,12 @@ class Recording:
 
     def report(self) -> None:
         """Publish the amount of recorded data on `/diagnostics`."""
-        if self._node.error is None:
-            values = {
-                "messages": self.bag.message_count,
-                "bytes": self.bag.bytes_written,
-            }
-            values["messages_dropped"] = self._node.subscriber.total
-            self._report("recording", values)
+        values = {
+            "messages": self.bag.message_count,
+            "bytes": self.bag.bytes_written,
+            "messages_dropped": self._node.subscriber.total,
+        }
+        self._report("recording", values)
 
 
 def read_bytes(data: bytes) -> tuple[PublishedTables, bytes]:
@@ -433,7 +432,7 @@ class Recorder(Follower):
 
     Args:
         place: where the node is made, and with what: see `NodePlace`. With `direct` another
-            process writes the bag, and an error of the recording does not stop the other nodes.
+            process writes the bag.
 
     Attributes:
         flush_seconds, flush_steps: it flushes after so many seconds, and so many time steps.
@@ -469,17 +468,16 @@ class Recorder(Follower):
         )
 
     def fail(self, error: SparseCoordError) -> None:
-        """Stop; if only the bag is broken, the other nodes of the process continue."""
-        if (
-            self.direct is None
-            or self.recording is None
-            or not isinstance(error, BagError)
-        ):
+        """Stop; or, if only the bag is broken, record no more: the run continues without."""
+        if self.recording is None or not isinstance(error, BagError):
             super().fail(error)
         elif self.error is None:
             self.error = error
-            self.done = True
-            self.direct.close()
+            self.part = self
+            if self.direct is not None:
+                self.direct.close()
+            with contextlib.suppress(BagError):
+                self.recording.bag.close()
             self.say_progress(self.found.attempt, LEFT)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
@@ -510,7 +508,8 @@ class Recorder(Follower):
 
     def go_on(self, now: float) -> None:
         """Say that the recorder waits for the world's order."""
-        self.remind(self.reminder, "the world to say where the run begins")
+        if self.error is None:
+            self.remind(self.reminder, "the world to say where the run begins")
 
     def say_progress(self, attempt: str, written: int | None = None) -> None:
         """Tell the world the checkpoints in the bag, the attempt, and how far it is written."""
@@ -521,6 +520,9 @@ class Recorder(Follower):
 
     def world_said(self, said: RunStatus) -> None:
         """Open the bag with the world's order to begin."""
+        if self.error is not None:
+            self.say_progress(said.order.attempt, LEFT)
+            return
         if said.order.attempt in (NO_ATTEMPT, self._known):
             return
         assert self.run is not None
@@ -546,7 +548,13 @@ class Recorder(Follower):
         )
 
     def finish(self, *, interrupted: bool) -> None:
-        """Close the bag and report its content."""
+        """Close the bag and report its content.
+
+        Raises:
+            BagError: the bag is broken, and the recorder is a process of its own.
+        """
+        if self.error is not None and self.direct is None:
+            raise self.error
         if self.recording is None or self.error is not None or self.failure is not None:
             return
         bag = self.recording.bag
@@ -554,10 +562,9 @@ class Recorder(Follower):
             self.recording.end()
             bag.close()
         except BagError as error:
-            if self.direct is None:
-                self.fail(error)
-                raise
             self.error = error
+            if self.direct is None:
+                raise
             self.get_logger().error(str(error))
             return
         where = self.directory.absolute()
