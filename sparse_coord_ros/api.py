@@ -36,6 +36,7 @@ from sparse_coord_ros.core.game.scenario import (
     ScenarioLike,
     load_scenario,
     loaded,
+    refuse_unexpected,
     scenario_names,
 )
 from sparse_coord_ros.core.game.world import RewardWeights
@@ -213,7 +214,7 @@ class Runs(list[Training]):
         return data_frame(curves)
 
     def plot(
-        self, names: Sequence[str] = ("returns", "miscoordinations", "asks")
+        self, names: str | Sequence[str] = ("returns", "miscoordinations", "asks")
     ) -> "Figure":
         """Draw the mean learning curves; a band is a standard error over the runs.
 
@@ -225,6 +226,7 @@ class Runs(list[Training]):
         """
         with packages_needed():
             from sparse_coord_ros.show.figures import curves_figure
+        names = [names] if isinstance(names, str) else names
         for name in names:
             check_choice("curve", name, CURVES)
         first = self[0]
@@ -269,6 +271,7 @@ def train_many(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Show = True,
+    **unexpected: object,
 ) -> Runs:
     """Learn several times, each time with another seed, on all cores.
 
@@ -290,6 +293,7 @@ def train_many(
             `LocalCluster`; None: this machine.
         progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
             called with the runs done and to be done.
+        **unexpected: refused: settings are given with the scenario.
 
     Returns:
         A list of the runs, in the order of their seeds, each with the `measures` of its team.
@@ -301,6 +305,7 @@ def train_many(
         RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
+    refuse_unexpected("train_many", unexpected)
     rule = chosen_learner(learner)
     problem = rule.with_defaults(loaded(scenario))
     seed = RUN_SETTINGS["seed"].parse(seed)
@@ -589,7 +594,7 @@ def plot(
             robots alone) and `variance` (of the return): a line of panels each.
 
     Raises:
-        SettingError: `x` has only one value, or the measure is unknown.
+        SettingError: there is no result, `x` has only one value, or the measure is unknown.
     """
     with packages_needed():
         from sparse_coord_ros.studies.experiment_figures import swept_figure

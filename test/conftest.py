@@ -11,6 +11,7 @@ To write a test, read this file. Then, where the test needs more:
 - nodes: `Bench` in nodes/conftest.py, with an example in nodes/test_clocks.py.
 """
 
+import gc
 import os
 import shutil
 import signal
@@ -154,3 +155,8 @@ def python():
 def make():
     """Return a maker of scenarios: `teams.drawn`."""
     return drawn
+
+
+def pytest_collection_finish():
+    """Let the garbage collector forget what lives to the end anyway: modules and tests."""
+    gc.freeze()

@@ -230,7 +230,9 @@ def fog(grid, p):
 @contextmanager
 def forgotten():
     """Forget afterwards the module `theirs`, and what is registered in between."""
-    with patch.dict(LEARNERS._known), patch.dict(MODELS._known):
+    own_learners = patch.object(LEARNERS, "_known", LEARNERS.registered)
+    own_models = patch.object(MODELS, "_known", MODELS.registered)
+    with own_learners, own_models:
         yield
     sys.modules.pop("theirs", None)
 

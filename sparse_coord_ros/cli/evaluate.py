@@ -4,13 +4,13 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import RunError
-from sparse_coord_ros.base.files import read_text
-from sparse_coord_ros.base.yaml_text import yaml_value
+from sparse_coord_ros.base.files import read_text, write_whole
+from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -94,6 +94,8 @@ def execute(options: argparse.Namespace) -> None:
     runs = [
         evaluated(path, options.trials, options.seed) for path in options.directories
     ]
+    for run in runs:
+        _complete(run)
     facts = [facts_of(run) for run in runs]
     parts = [result_table(group, spread=options.spread) for group in by_game(runs)]
     if len(runs) == 1:
@@ -102,6 +104,16 @@ def execute(options: argparse.Namespace) -> None:
         tell(options, facts[0], "\n".join(parts))
     else:
         tell(options, {"runs": facts}, "\n\n".join(parts))
+
+
+def _complete(result: Evaluated) -> None:
+    """Add the result to the summary of nodes that were started by hand, which lacks it."""
+    directory, run, measures = result
+    if _made_all_steps(directory, run) and not isinstance(
+        _summary(directory).get("result"), dict
+    ):
+        with suppress(OSError):  # a directory that can only be read
+            add_result(directory, run, measures)
 
 
 def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
@@ -131,11 +143,18 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
 
 def _made_all_steps(directory: Path, run: RunConfig) -> bool:
     """Return whether nodes that were started by hand have made all steps of their run."""
+    return (
+        not missing_files(directory, run.scenario)
+        and _summary(directory).get("transitions") == run.scenario.steps
+    )
+
+
+def _summary(directory: Path) -> dict[str, Any]:
+    """Return the content of `summary.yaml`; empty: there is none."""
     path = directory / SUMMARY_FILE
-    if not path.exists() or missing_files(directory, run.scenario):
-        return False
-    summary = yaml_value(read_text(path, RunError, "remove it"), where=str(path)) or {}
-    return summary.get("transitions") == run.scenario.steps
+    if not path.exists():
+        return {}
+    return yaml_value(read_text(path, RunError, "remove it"), where=str(path)) or {}
 
 
 def evaluation_of(
@@ -221,6 +240,17 @@ def facts_of_result(scenario: Scenario, measures: Measures) -> dict[str, Any]:
         "best_asking_team": None if asking is None else asking.value,
         "optimum": shipped.known_optimum(scenario).value,
     }
+
+
+def add_result(directory: Path, run: RunConfig, measures: Measures) -> dict[str, Any]:
+    """Put the result of a run and its verdict at the beginning of `summary.yaml`; return both."""
+    result = {
+        "result": facts_of_result(run.scenario, measures),
+        "verdict": verdict_on(run.scenario, run.rule, measures).text,
+    }
+    text = to_yaml(result | _summary(directory) | result)
+    write_whole(directory / SUMMARY_FILE, text)
+    return result
 
 
 def paper_row(run: RunConfig) -> dict:

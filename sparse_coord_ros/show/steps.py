@@ -48,6 +48,10 @@ class Question(NamedTuple):
         """Its display: ANSWERED, REFUSED or FAILED."""
         return self.end.outcome
 
+    def is_mutual_with(self, other: "Question") -> bool:
+        """Return whether two robots ask each other."""
+        return other.asker in self.peers and self.asker in other.peers
+
     def in_words(self, names: Sequence[str]) -> str:
         """Return it as a sentence."""
         whom = ", ".join(names[peer] for peer in self.peers) or "no peer"

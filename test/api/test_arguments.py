@@ -82,3 +82,32 @@ def test_a_scheduler_that_is_not_there_is_told_at_once(monkeypatch):
     with pytest.raises(RunError, match="scheduler tcp://127.0.0.1:1"):
         sc.train_many("env1", runs=1, scheduler="tcp://127.0.0.1:1")
     assert time.monotonic() - began < PATIENCE_SECONDS, "a worker would be waited for"
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: sc.train("env1", steps=100),
+            "train has no argument 'steps'; a setting is given with the scenario: "
+            "load_scenario(..., steps=100)",
+        ),
+        (
+            lambda: sc.train_many("env1", penalty=-5),
+            "train_many has no argument 'penalty'; a setting is given with the scenario: "
+            "load_scenario(..., penalty=-5)",
+        ),
+        (
+            lambda: sc.train("env1", seeds=[1, 2]),
+            "train has no argument 'seeds'; many runs are made by train_many",
+        ),
+        (lambda: sc.plot([sc.Runs()]), "results: value is [<Runs of 0>], allowed: "),
+        (lambda: sc.plot([]), "results: value is [], allowed: results of sweep or"),
+        (lambda: sc.to_pandas(sc.Runs()), "(of train_many, draw runs.plot(), and use"),
+    ],
+)
+def test_settings_and_runs_in_a_wrong_place_have_a_remedy(call, words):
+    with pytest.raises(SparseCoordError) as caught:
+        call()
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -260,7 +260,9 @@ def returns_of(env, tables, episodes):
 @pytest.mark.parametrize("learner", ["coop", "voi", "noncoop"])
 @pytest.mark.parametrize("perception", ["always", "probability:0.5"])
 def test_a_learned_team_is_worth_what_exact_evaluation_says(learner, perception):
-    scenario = sc.load_scenario("env1", penalty=-100, perception=perception)
+    scenario = sc.load_scenario(
+        "env1", penalty=-100, perception=perception, steps=20_000
+    )
     training = sc.train(scenario, learner, seed=4)
     env = sc.vector_env(training.scenario, 1000, seed=1)
     means = returns_of(env, training.tables, 8).mean(axis=1)

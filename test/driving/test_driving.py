@@ -477,9 +477,30 @@ def test_interactions_that_a_remedy_names_are_allowed(team, interactions):
     run, tables = team
     driven = drive(run, tables, episodes=1, seed=4, values=VALUES)
     scenario = load_scenario("env1", interactions=interactions)
+    run = make_run(scenario, {})
     touched = replace(driven, elsewhere=np.array([1]))
-    *_, sentence = remedies(make_run(scenario, {}), touched)
+    *_, sentence = remedies(run, touched)
     wanted = sentence.partition("interactions=")[2].rstrip(".")
     blocks = {kind: at for kind, at in scenario.kinds.items() if kind == "block"}
     kinds = {"together": "anywhere", "swap": "", **blocks}
     assert load_scenario("env1", interactions=wanted).kinds == kinds
+
+
+@pytest.mark.parametrize(
+    ("interactions", "remedy"),
+    [
+        ("together", "at a higher penalty, such as --set penalty=-200."),
+        ("together:any_doorway+block", "at a higher penalty, such as --set"),
+        ("swap", "let them learn with --set interactions=together+swap."),
+        ("block", "which hold one robot each: take larger cells."),
+        ("swap+block:anywhere", "which hold one robot each: take larger cells."),
+    ],
+)
+def test_a_higher_penalty_is_a_remedy_only_where_it_is_paid(team, interactions, remedy):
+    run, tables = team
+    driven = drive(run, tables, episodes=1, seed=4, values=VALUES)
+    run = make_run(load_scenario("env1", interactions=interactions), {})
+    none = np.array([0])
+    driven = replace(driven, in_doorways=np.array([1]), elsewhere=none)
+    [sentence] = remedies(run, driven)
+    assert remedy in sentence

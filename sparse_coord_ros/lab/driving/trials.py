@@ -252,14 +252,28 @@ def remedies(run: RunConfig, driven: Drive) -> list[str]:
             f"{radius / (0.5 - CLEAR):.2g} m or more."
         )
     if driven.in_doorways.any():
-        penalty = 2 * run.scenario.penalty
-        sentences.append(
-            "Bodies touched in doorways: let the team learn longer, or at a higher penalty, "
-            f"such as --set penalty={penalty:g}."
-        )
+        sentences.append(_remedy_in_doorways(run))
     if driven.elsewhere.any():
         sentences.append(_remedy_elsewhere(run))
     return sentences
+
+
+def _remedy_in_doorways(run: RunConfig) -> str:
+    """Return a sentence on bodies that touched in doorways."""
+    what = "Bodies touched in doorways"
+    kinds = run.scenario.kinds
+    if "together" in kinds:
+        return (
+            f"{what}: let the team learn longer, or at a higher penalty, such as --set "
+            f"penalty={2 * run.scenario.penalty:g}."
+        )
+    if "block" in kinds:
+        return f"{what}, which hold one robot each: take larger cells."
+    wanted = f"together+{run.scenario.interactions}"
+    return (
+        f"{what}, where robots may be together: let them learn with --set "
+        f"interactions={wanted}."
+    )
 
 
 def _remedy_elsewhere(run: RunConfig) -> str:

@@ -97,13 +97,6 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def add_result(out: Path, result: Mapping[str, Any]) -> None:
-    """Put what a learned team is worth at the beginning of `summary.yaml`."""
-    path = out / SUMMARY_FILE
-    summary = yaml_value(read_text(path, RunError, "remove it"), where=str(path))
-    write_whole(path, to_yaml({"result": dict(result), **summary}))
-
-
 def holds_run(out: str) -> bool:
     """Return whether an output directory holds a run, which then goes on."""
     return bool(out) and (Path(out) / RUN_FILE).exists()

@@ -466,7 +466,12 @@ class WorldSimulator(ParameterNode):
         wait_for_readers(self.publishers)
 
     def _write_outcome(self, out: Path) -> None:
-        write_whole(out / SUMMARY_FILE, to_yaml(self.summary()))
+        summary = self.summary()
+        if self.done and not self.run.greedy:
+            # The robots' tables may still be in their processes.
+            later = f"not computed yet; sparse_coord evaluate {out} adds it"
+            summary = {"result": later, **summary}
+        write_whole(out / SUMMARY_FILE, to_yaml(summary))
         self.lockstep.history.so_far.save(out)
 
     def _counts(self) -> dict[str, Any]:
