@@ -8,5 +8,5 @@
 - Their bases: `parameters` (a node whose parameters come from a table), `follower` (one that
   begins and ends with a run).
 - What they share: `ros_topics` and `messages` bind the table of topics to rclpy; `subscriber`
-  reads, `direct_recording` writes; `outputs` has their files; `spin` contexts, signals, exit codes.
+  reads, `direct_recording` writes; `outputs` has their files; `spin` contexts and signals.
 """
