@@ -478,7 +478,7 @@ class Recorder(Follower):
                 self.direct.close()
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
-            self.say_progress(self.found.attempt, LEFT)  # nobody waits for it
+            self.say_progress(self.order_before.attempt, LEFT)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
@@ -492,7 +492,7 @@ class Recorder(Follower):
         with the order that stands.
         """
         self._progress = self.announce(ros_topics.PROGRESS, RECORDER)
-        self._known = self.found.attempt if run.recorded else NO_ATTEMPT
+        self._known = self.order_before.attempt if run.recorded else NO_ATTEMPT
         self._earlier = continued(self.directory)
         if self._earlier is not None:
             log = read_run(self.directory)
