@@ -389,6 +389,7 @@ class HeardTeam:
         without: (robot, step) pairs without the robot's action although it had not arrived.
         whole: whether, as far as known, no message was missed since the run's first time step.
         tables: the newest announced tables of each robot, with their time step.
+        pending: the messages that are not processed yet, by time step.
     """
 
     def __init__(self, node: ParameterNode, run: RunConfig, view: LiveView) -> None:
@@ -402,7 +403,7 @@ class HeardTeam:
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
         view.known = view.newest = self.tables
-        self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
+        self.pending: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._newest: int | None = None
         self._last_made: int | None = None
         self._status: RunStatus | None = None
@@ -427,26 +428,21 @@ class HeardTeam:
             )
             self._subscriptions.append(heard)
 
-    @property
-    def pending(self) -> list[int]:
-        """The time steps with messages that are not processed yet."""
-        return list(self._steps)
-
     def leave(self) -> None:
         """Destroy the subscriptions."""
         for subscription in self._subscriptions:
             self._node.subscriber.leave(subscription)
 
     def _on_action(self, k: int, step: int, action: Action, report: SelfReport) -> None:
-        self._steps[step].actions[k] = action, PerceptEnd.from_number(report.percept)
+        self.pending[step].actions[k] = action, PerceptEnd.from_number(report.percept)
         self.catch_up()
 
     def _on_reward(self, k: int, step: int, reward: Reward) -> None:
-        self._steps[step].rewards[k] = reward
+        self.pending[step].rewards[k] = reward
         self.catch_up()
 
     def _on_state(self, k: int, step: int, cell: int) -> None:
-        if not self._steps[step].cells:
+        if not self.pending[step].cells:
             if self._newest is None and step != FIRST_STEP:
                 self._lack(
                     f"heard from time step {step} on: the curves lack earlier episodes"
@@ -458,8 +454,8 @@ class HeardTeam:
                     "taken back"
                 )
             self._newest = step
-            self._steps[step].since = self._ticks
-        self._steps[step].cells.setdefault(k, cell)
+            self.pending[step].since = self._ticks
+        self.pending[step].cells.setdefault(k, cell)
         self.catch_up()
 
     def compare(self, status: RunStatus) -> None:
@@ -479,7 +475,7 @@ class HeardTeam:
         state: they have other topics.
         """
         while known := sorted(
-            step for step, heard in self._steps.items() if heard.cells
+            step for step, heard in self.pending.items() if heard.cells
         ):
             self._check(known[0])
             if len(known) == 1 or not self._settle(*known[:2]):
@@ -491,8 +487,8 @@ class HeardTeam:
 
         `after` is the next received time step; a gap between them means that an episode ended.
         """
-        here = self._steps[step]
-        then = self._steps[after]
+        here = self.pending[step]
+        then = self.pending[after]
         late = self._ticks - then.since > LATE_TICKS
         if after != step + 1:
             return late or not here.actions
@@ -531,8 +527,8 @@ class HeardTeam:
 
     def _forget(self, until: int) -> None:
         """Drop all messages of time steps up to one."""
-        for old in [step for step in self._steps if step <= until]:
-            del self._steps[old]
+        for old in [step for step in self.pending if step <= until]:
+            del self.pending[old]
 
     def _begin_where_due(self, step: int) -> None:
         """Begin an episode if a time step does not continue the one before."""
