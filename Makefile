@@ -21,7 +21,7 @@ test: $(VENV)/tests
 
 # Slow checks: every command of the documentation, long runs, fuzzing.
 check-long: $(VENV)/tests
-	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
+	$(BIN)/python -m pytest -m long -n 3 --dist loadfile --timeout 1800
 
 # Every experiment: tables and figures of docs/paper.md, into results/.
 reproduce: $(VENV)/runs

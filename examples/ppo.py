@@ -28,9 +28,7 @@ class Robots(VecEnv):
     """Each robot of each game is an environment: its own cell, the answer, and its number."""
 
     def __init__(self, scenario, games, **how):
-        self.env = sc.vector_env(
-            scenario, games, asking="in_observation", autoreset="disabled", **how
-        )
+        self.env = sc.vector_env(scenario, games, asking="in_observation", **how)
         self.team = len(self.env.robots)
         self.sizes = np.array(self.env.column_sizes)
         self.first = np.concatenate([[0], self.sizes.cumsum()[:-1]])

@@ -8,7 +8,6 @@ file; a learner as a `Learner`, its class, its name, or `module:Class`.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from importlib import import_module
 from itertools import product
@@ -37,6 +36,7 @@ from sparse_coord_ros.core.game.scenario import (
     ScenarioLike,
     load_scenario,
     loaded,
+    refuse_unexpected,
     scenario_names,
 )
 from sparse_coord_ros.core.game.world import RewardWeights
@@ -214,7 +214,7 @@ class Runs(list[Training]):
         return data_frame(curves)
 
     def plot(
-        self, names: Sequence[str] = ("returns", "miscoordinations", "asks")
+        self, names: str | Sequence[str] = ("returns", "miscoordinations", "asks")
     ) -> "Figure":
         """Draw the mean learning curves; a band is a standard error over the runs.
 
@@ -226,6 +226,7 @@ class Runs(list[Training]):
         """
         with packages_needed():
             from sparse_coord_ros.show.figures import curves_figure
+        names = [names] if isinstance(names, str) else names
         for name in names:
             check_choice("curve", name, CURVES)
         first = self[0]
@@ -270,6 +271,7 @@ def train_many(
     jobs: int | None = None,
     scheduler: SchedulerLike = None,
     progress: Show = True,
+    **unexpected: object,
 ) -> Runs:
     """Learn several times, each time with another seed, on all cores.
 
@@ -291,6 +293,7 @@ def train_many(
             `LocalCluster`; None: this machine.
         progress: True: a bar at a terminal and in notebooks; False: nothing; or a function,
             called with the runs done and to be done.
+        **unexpected: refused: settings are given with the scenario.
 
     Returns:
         A list of the runs, in the order of their seeds, each with the `measures` of its team.
@@ -302,6 +305,7 @@ def train_many(
         RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
+    refuse_unexpected("train_many", unexpected)
     rule = chosen_learner(learner)
     problem = rule.with_defaults(loaded(scenario))
     seed = RUN_SETTINGS["seed"].parse(seed)
@@ -441,7 +445,6 @@ def vector_env(
     seed: "Seeds" = None,
     asking: str = "half_steps",
     phase: str = "evaluation",
-    autoreset: str | Enum = "next_step",
 ) -> "VectorGame":
     """Return many games of a scenario at once, as a vector environment for a learner of any kind.
 
@@ -459,17 +462,13 @@ def vector_env(
             observation. They are different classes of teams.
         phase: "evaluation": episodes begin at the scenario's starts, and last `horizon` steps;
             "learning": exploring starts and `max_steps`, as learning episodes do here.
-        autoreset: when a game that has ended begins anew: "next_step", "same_step" or "disabled",
-            or one of gymnasium.vector.AutoresetMode.
 
     Raises:
         ScenarioError, SettingError: no such scenario, or a bad value.
     """
     from sparse_coord_ros.core.vector_env import VectorGame
 
-    return VectorGame(
-        scenario, games, seed=seed, asking=asking, phase=phase, autoreset=autoreset
-    )
+    return VectorGame(scenario, games, seed=seed, asking=asking, phase=phase)
 
 
 def pettingzoo_env(
@@ -595,7 +594,7 @@ def plot(
             robots alone) and `variance` (of the return): a line of panels each.
 
     Raises:
-        SettingError: `x` has only one value, or the measure is unknown.
+        SettingError: there is no result, `x` has only one value, or the measure is unknown.
     """
     with packages_needed():
         from sparse_coord_ros.studies.experiment_figures import swept_figure

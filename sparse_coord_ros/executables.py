@@ -25,11 +25,10 @@ from sparse_coord_ros.base.signals import STOPPING
 from sparse_coord_ros.base.streams import open_streams
 
 COMMAND_LINE = "sparse_coord"
-NODES = (
-    *("world_simulator", "robot", "recorder", "team", "watch", "player"),
-    *("driver", "nav2_driver", "nav2_stand_in", "body"),
-)
-"""Executables; each is the module of its name in `sparse_coord_ros.ros.nodes`."""
+DRIVING = ("driver", "nav2_driver", "nav2_stand_in", "body")
+NODES = ("world_simulator", "robot", "recorder", "team", "watch", "player", *DRIVING)
+"""Executables; each is the module of its name in `sparse_coord_ros.ros.nodes`, or, if it is in
+`DRIVING`, in `sparse_coord_ros.ros.driving`."""
 
 
 def sparse_coord() -> int:
@@ -60,6 +59,14 @@ def check_middleware() -> None:
         )
 
 
+def module_of(name: str) -> str:
+    """Return the module of an executable."""
+    if name == COMMAND_LINE:
+        return "sparse_coord_ros.cli.main"
+    folder = "driving" if name in DRIVING else "nodes"
+    return f"sparse_coord_ros.ros.{folder}.{name}"
+
+
 def main(name: str) -> int:
     """Run an executable; a signal that comes while it is imported ends the process.
 
@@ -69,9 +76,7 @@ def main(name: str) -> int:
     open_streams()
     is_node = name != COMMAND_LINE
     is_live = is_node or runs_nodes(sys.argv[1:2])
-    module = (
-        f"sparse_coord_ros.ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
-    )
+    module = module_of(name)
 
     def leave(number: int, frame: object) -> NoReturn:
         # An exception could be lost: rclpy takes one in its import for a missing library.

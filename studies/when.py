@@ -29,6 +29,7 @@ import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
+from sparse_coord_ros.base.palette import LINE_COLOURS
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.runs.measures import fails
@@ -43,6 +44,7 @@ from sparse_coord_ros.core.solve.advice import (
     relative_gain,
 )
 from sparse_coord_ros.core.solve.optimum import payment, successors
+from sparse_coord_ros.show.charts import STYLES
 
 LEARNER = "voi"
 """Whose teams the study is about; other learners stand beside it in one part."""
@@ -389,6 +391,10 @@ def in_words(own: pd.Series, measure: str) -> str:
     return f"{words[0]} ({'-' if np.isnan(error) else words[1]})"
 
 
+ALWAYS = {"color": LINE_COLOURS[2], "marker": "s"}
+"""How a team that always asks is drawn."""
+
+
 def draw(found: pd.DataFrame, file: str) -> None:
     """Draw questions and share of the gap of pairs against the possible gain."""
     from matplotlib.figure import Figure
@@ -398,11 +404,12 @@ def draw(found: pd.DataFrame, file: str) -> None:
     figure = Figure(figsize=(8, 7), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     main = learner_of(LEARNER).label
-    for number, (line, own) in enumerate(table.groupby(level=0, sort=False)):
+    for line, own in table.groupby(level=0, sort=False):
+        look = STYLES.get(line, ALWAYS)
         own = own.sort_values("gain")
         style = {
-            "color": f"C{number}",
-            "marker": "o",
+            "color": look["color"],
+            "marker": look.get("marker", "d"),
             "lw": 2.5 if line == main else 1.2,
             "ls": "none" if line == BEST else "-",
             "label": line,

@@ -11,12 +11,14 @@ To write a test, read this file. Then, where the test needs more:
 - nodes: `Bench` in nodes/conftest.py, with an example in nodes/test_clocks.py.
 """
 
+import gc
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+from itertools import groupby
 
 import pytest
 from domains import ros_domain
@@ -46,8 +48,8 @@ def own_domain(monkeypatch):
 def nothing_allowed(monkeypatch):
     """Let no test begin with modules that another one allowed to be imported, or registered."""
     monkeypatch.setenv(ALLOW_VARIABLE, "")
-    with LEARNERS.temporary(), MODELS.temporary():
-        yield
+    for registry in (LEARNERS, MODELS):
+        monkeypatch.setattr(registry, "registered", {**registry.registered})
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -154,3 +156,23 @@ def python():
 def make():
     """Return a maker of scenarios: `teams.drawn`."""
     return drawn
+
+
+def pytest_collection_modifyitems(config, items):
+    """Let pytest-xdist hand out files of nodes, which wait, in turn with those that compute."""
+    if not hasattr(config, "workerinput"):
+        return
+    files = [list(group) for _, group in groupby(items, key=lambda item: item.path)]
+    waiting = [file for file in files if file[0].path.parent.name == "nodes"]
+    computing = [file for file in files if file not in waiting]
+    each = len(computing) // max(1, len(waiting)) + 1
+    items.clear()
+    while waiting or computing:
+        for file in waiting[:1] + computing[:each]:
+            items += file
+        del waiting[:1], computing[:each]
+
+
+def pytest_collection_finish():
+    """Let the garbage collector forget what lives to the end anyway: modules and tests."""
+    gc.freeze()

@@ -5,6 +5,7 @@
 import sys
 from contextlib import contextmanager
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
@@ -229,11 +230,9 @@ def fog(grid, p):
 @contextmanager
 def forgotten():
     """Forget afterwards the module `theirs`, and what is registered in between."""
-    try:
-        with LEARNERS.temporary(), MODELS.temporary():
-            yield
-    finally:
-        sys.modules.pop("theirs", None)
+    with patch.dict(LEARNERS.registered), patch.dict(MODELS.registered):
+        yield
+    sys.modules.pop("theirs", None)
 
 
 def tables_from_values(scenario, k, q_star, q_coord=None):

@@ -27,7 +27,7 @@ from sparse_coord_ros.cli.main import main
 """
 
 WORKS = """
-import sparse_coord_ros.ros.nodes.team, sparse_coord_ros.ros.nodes.driver
+import sparse_coord_ros.ros.nodes.team, sparse_coord_ros.ros.driving.driver
 for name in sc.__all__:
     getattr(sc, name)
 for line in ("maps env1", "optimum env1", "train env1 --steps 300 --out run", "evaluate run",

@@ -33,7 +33,14 @@ def test_a_share_has_one_digit(share, shown):
 
 @pytest.mark.parametrize(
     ("share", "shown"),
-    [(0.0, "0 %"), (0.004, "0 %"), (-0.004, "0 %"), (0.937, "94 %"), (1.0, "100 %")],
+    [
+        (0.0, "0 %"),
+        (0.004, "0.4 %"),
+        (0.937, "94 %"),
+        (0.998, "99.8 %"),
+        (1.0, "100 %"),
+        (1.002, "100.2 %"),
+    ],
 )
-def test_a_share_without_digits(share, shown):
+def test_a_share_without_digits_is_not_all_and_not_nothing(share, shown):
     assert percent(share, whole=True) == shown

@@ -9,6 +9,7 @@ alone, where `...` is any text. `PYTHONPATH=.:test python test/test_refusals.py`
 import re
 import shlex
 from contextlib import chdir
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -83,9 +84,11 @@ LIBRARY = {
 """Who is handed the inputs of a section of the table; `commands` are command lines."""
 
 
-def rows(section):
-    """Return the rows of a section."""
-    return yaml.safe_load(TABLE.read_text())[section]
+@cache
+def table():
+    """Return the rows of each section; libyaml reads them in no time."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    return yaml.load(TABLE.read_text(), loader)
 
 
 def is_as_said(message, says):
@@ -97,7 +100,7 @@ def is_as_said(message, says):
 def params(sections):
     found = []
     for section in sections:
-        for number, row in enumerate(rows(section)):
+        for number, row in enumerate(table()[section]):
             found.append(pytest.param(section, row, id=f"{section} {number}"))
     return found
 

@@ -93,7 +93,7 @@ def numba() -> ModuleType:
         )
     module = import_apart("numba", ".numba_config.yaml")
     # it would read the file at each compiling
-    module.core.config._config_fname = os.devnull
+    module.core.config._config_fname = os.devnull  # noqa: SLF001
     return module
 
 

@@ -3,14 +3,14 @@
 """`sparse_coord evaluate`: the value of learned tables, beside the paper and the optimum."""
 
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.base.errors import RunError
-from sparse_coord_ros.base.files import read_text
-from sparse_coord_ros.base.yaml_text import yaml_value
+from sparse_coord_ros.base.files import read_text, write_whole
+from sparse_coord_ros.base.yaml_text import to_yaml, yaml_value
 from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import (
     ALLOW,
@@ -22,11 +22,7 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.core.game.scenario import (
-    WHILE_LEARNING,
-    Scenario,
-    load_scenario,
-)
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
 from sparse_coord_ros.core.runs.measures import (
@@ -45,7 +41,7 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
 )
-from sparse_coord_ros.studies.paper import PENALTY, paper_rows
+from sparse_coord_ros.studies.paper import paper_row
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -94,6 +90,8 @@ def execute(options: argparse.Namespace) -> None:
     runs = [
         evaluated(path, options.trials, options.seed) for path in options.directories
     ]
+    for run in runs:
+        _complete(run)
     facts = [facts_of(run) for run in runs]
     parts = [result_table(group, spread=options.spread) for group in by_game(runs)]
     if len(runs) == 1:
@@ -102,6 +100,16 @@ def execute(options: argparse.Namespace) -> None:
         tell(options, facts[0], "\n".join(parts))
     else:
         tell(options, {"runs": facts}, "\n\n".join(parts))
+
+
+def _complete(result: Evaluated) -> None:
+    """Add the result to the summary of nodes that were started by hand, which lacks it."""
+    directory, run, measures = result
+    if _made_all_steps(directory, run) and not isinstance(
+        _summary(directory).get("result"), dict
+    ):
+        with suppress(OSError):  # a directory that can only be read
+            add_result(directory, run, measures)
 
 
 def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
@@ -131,11 +139,18 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
 
 def _made_all_steps(directory: Path, run: RunConfig) -> bool:
     """Return whether nodes that were started by hand have made all steps of their run."""
+    return (
+        not missing_files(directory, run.scenario)
+        and _summary(directory).get("transitions") == run.scenario.steps
+    )
+
+
+def _summary(directory: Path) -> dict[str, Any]:
+    """Return the content of `summary.yaml`; empty: there is none."""
     path = directory / SUMMARY_FILE
-    if not path.exists() or missing_files(directory, run.scenario):
-        return False
-    summary = yaml_value(read_text(path, RunError, "remove it"), where=str(path)) or {}
-    return summary.get("transitions") == run.scenario.steps
+    if not path.exists():
+        return {}
+    return yaml_value(read_text(path, RunError, "remove it"), where=str(path)) or {}
 
 
 def evaluation_of(
@@ -197,7 +212,7 @@ def facts_of(result: Evaluated) -> dict[str, Any]:
         **measures.to_dict(),
         "verdict": verdict_on(scenario, run.rule, measures),
         "robots": measures.by_robot(),
-        "paper": paper_row(run),
+        "paper": paper_row(scenario, run.learner),
         "shortest_paths": shortest_paths(scenario).to_dict(),
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
@@ -223,20 +238,15 @@ def facts_of_result(scenario: Scenario, measures: Measures) -> dict[str, Any]:
     }
 
 
-def paper_row(run: RunConfig) -> dict:
-    """Return the paper's numbers for this run's learner.
-
-    There are none if the game is not the paper's, or if robots learned from more than answers.
-    """
-    scenario = run.scenario
-    if scenario.peers_seen == WHILE_LEARNING:
-        return {}
-    row = paper_rows().get(scenario.name, {}).get(run.learner, {})
-    if not row:
-        return {}
-    papers = load_scenario(scenario.name, penalty=PENALTY)
-    same = shipped.game_digest(scenario) == shipped.game_digest(papers)
-    return dict(row) if same and scenario.horizon == papers.horizon else {}
+def add_result(directory: Path, run: RunConfig, measures: Measures) -> dict[str, Any]:
+    """Put the result of a run and its verdict at the beginning of `summary.yaml`; return both."""
+    result = {
+        "result": facts_of_result(run.scenario, measures),
+        "verdict": verdict_on(run.scenario, run.rule, measures).text,
+    }
+    text = to_yaml(result | _summary(directory) | result)
+    write_whole(directory / SUMMARY_FILE, text)
+    return result
 
 
 def result_table(runs: Sequence[Evaluated], *, spread: bool = False) -> str:
@@ -263,11 +273,11 @@ def _learned_rows(runs: Sequence[Evaluated]) -> list[list[str]]:
     optimum = shipped.known_optimum(runs[0].run.scenario).value
     rows = []
     titles = [run.title for _, run, _ in runs]
-    papers: dict[str, dict] = {}
+    papers: dict[str, Mapping[str, Any]] = {}
     for directory, run, measures in runs:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
-        papers[title] = paper_row(run)
+        papers[title] = paper_row(run.scenario, run.learner)
         cells = measures.cells(optimum=optimum).values()
         rows.append([named, *cells, *measures.spreads()])
     for title, paper in papers.items():

@@ -16,14 +16,13 @@ from sparse_coord_ros.base.files import write_whole
 from sparse_coord_ros.base.yaml_text import to_yaml
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import (
+    add_result,
     evaluation_of,
-    facts_of_result,
     result_can_wait,
 )
 from sparse_coord_ros.core.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.runs.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, load_team
-from sparse_coord_ros.core.solve.verdict import verdict_on
 from sparse_coord_ros.protocol.lockstep.node_checkpoints import CHECKPOINTS
 from sparse_coord_ros.show.page.message_board import MessageBoard
 
@@ -94,13 +93,20 @@ def _run(
 
     if options.resume is not None and is_finished(out):
         shared.note(f"{out}: the run is finished already")
-        shared.tell(options, {"directory": out}, *_result(options, out))
+        result, said = _result(options, out)
+        shared.tell(options, {"directory": out, **result}, *said)
         return 0
     summary = live.run(
         values, processes=options.processes, quiet=options.json, page=page, stop=stop
     )
-    shared.tell(options, {"directory": out, **summary}, *_lines(options, out, summary))
-    if not summary["interrupted"] and not (out / TEAM_FILE).exists():
+    saved = (out / TEAM_FILE).exists()
+    lines = list(_lines(options, out, summary))
+    if saved and summary.get("steps_per_second", 0) and not summary["interrupted"]:
+        result, said = _result(options, out)
+        summary |= result
+        lines += said
+    shared.tell(options, {"directory": out, **summary}, *lines)
+    if not summary["interrupted"] and not saved:
         remedy = f"make room, then: sparse_coord run --resume {out}"
         raise RunError(
             f"{out}: not all tables could be saved there (see above); {remedy}"
@@ -189,19 +195,18 @@ def _lines(
         yield f"not finished; continue with: sparse_coord run --resume {out}"
     if (out / "bag").exists():
         yield f"bag     {out / 'bag'}"
-    if saved and summary.get("steps_per_second", 0) and not interrupted:
-        yield from _result(options, out)
 
 
-def _result(options: argparse.Namespace, out: Path) -> Iterator[str]:
-    """Evaluate the learned team of a finished run, unless nobody would read it."""
-    from sparse_coord_ros.ros.nodes.outputs import add_result
+def _result(options: argparse.Namespace, out: Path) -> tuple[dict[str, Any], list[str]]:
+    """Evaluate the learned team of a finished run; return the result as data and as lines.
 
+    Nothing is evaluated of a greedy run, and beside a page, which does so itself.
+    """
     run = load_run(out)
-    if run.greedy or options.watch or options.json:
-        return
+    if run.greedy or options.watch:
+        return {}, []
     tables = load_team(out, run.scenario, run.rule)
     with result_can_wait(out, "run"):
         measures = evaluation_of(run, tables, None)
-    add_result(out, facts_of_result(run.scenario, measures))
-    yield verdict_on(run.scenario, run.rule, measures).text
+    result = add_result(out, run, measures)
+    return result, [result["verdict"]]

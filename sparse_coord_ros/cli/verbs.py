@@ -51,6 +51,14 @@ LIVE = ("run", "replay")
 """Verbs that run ROS nodes, which handle signals by themselves."""
 
 
+MANY_RUNS = (
+    "; many runs: sparse_coord benchmark, or train_many(scenario, runs=20) in Python"
+)
+"""The hint for the options of `MANY` where a verb makes one run."""
+
+MANY = ("--runs", "--seeds")
+
+
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line; it reads -3,2 as a value, not as an option."""
 
@@ -63,8 +71,10 @@ class Parser(argparse.ArgumentParser):
         known, left = super().parse_known_args(args, namespace)
         if left:
             options = [word.partition("=")[0] for word in left if word.startswith("-")]
+            known_options = self._option_string_actions
             hints = [
-                did_you_mean(option, self._option_string_actions) for option in options
+                MANY_RUNS if option in MANY else did_you_mean(option, known_options)
+                for option in options
             ]
             self.error(f"unrecognized arguments: {' '.join(left)}{''.join(hints)}")
         return known, left

@@ -94,9 +94,7 @@ class SparseCoordEnv(ParallelEnv):
             raise SettingError(
                 f"render_mode is {render_mode!r}, allowed: None, 'rgb_array'"
             )
-        self._game = VectorGame(
-            scenario, 1, asking=asking, phase=phase, autoreset="disabled"
-        )
+        self._game = VectorGame(scenario, 1, asking=asking, phase=phase)
         self.scenario = self._game.scenario
         self.render_mode = render_mode
         self.possible_agents = list(self._game.robots)

@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +36,6 @@ except ImportError:
 
 IN_OBSERVATION = "in_observation"
 ASKING = ("half_steps", IN_OBSERVATION)
-AUTORESET = ("next_step", "same_step", "disabled")
-"""As gymnasium.vector.AutoresetMode, whose names are these in capitals."""
-
 Seeds = int | Sequence[int | None] | np.ndarray | None
 
 GAMES = Setting("games", int, 1, "games at once", low=1, high=1_000_000)
@@ -71,9 +67,6 @@ class VectorGame(VectorEnv):
               of teams: compare them with each other.
         phase: "evaluation": episodes begin at the scenario's starts and last `horizon` steps.
             "learning": as learning episodes do here, with exploring starts and `max_steps`.
-        autoreset: when a game that has ended begins anew, a gymnasium.vector.AutoresetMode or its
-            name: with the "next_step"; in the "same_step", with `final_obs` and `final_info` in
-            the infos; or "disabled": by `reset(options={"reset_mask": ...})`.
 
     Observations are a dict of arrays, with a row for each game i and robot k:
 
@@ -88,7 +81,8 @@ class VectorGame(VectorEnv):
     then on. So the discounted sum over an episode is the return of `evaluate`. A robot that has
     arrived still pays r^C of miscoordinations. A learner must not discount between the halves of
     a time step. A game is terminated when all its robots have arrived, and truncated when its
-    steps are used up: bool, shape (games,).
+    steps are used up: bool, shape (games,). A game that has ended begins with the next call, which
+    ignores its actions and pays nothing, or with `reset(options={"reset_mask": ...})`.
 
     `infos` are arrays: `half_step`, `miscoordination` (games,), `arrived` (games, robots) and
     `reward_parts` (games, robots, 3): individual, common, cost of asking. As in gymnasium `_name`
@@ -101,7 +95,6 @@ class VectorGame(VectorEnv):
         actions: number of actions of a robot.
         column_sizes: number of values that each column of `observation` can have.
         discount: gamma.
-        autoreset: the name of the mode.
 
     Raises:
         ScenarioError: the scenario does not exist.
@@ -116,20 +109,15 @@ class VectorGame(VectorEnv):
         seed: Seeds = None,
         asking: str = "half_steps",
         phase: str = "evaluation",
-        autoreset: str | Enum = "next_step",
     ) -> None:
         check_choice("asking", asking, ASKING)
         check_choice("phase", phase, PHASES)
-        if isinstance(autoreset, Enum):
-            autoreset = autoreset.name.lower()
-        check_choice("autoreset", autoreset, AUTORESET)
         self.scenario = loaded(scenario)
         self.num_envs = GAMES.parse(games)
         self.robots = tuple(robot.name for robot in self.scenario.robots)
         self.discount = self.scenario.discount
         self._seeds = self._checked_seeds(seed)
         self._phase = PHASES[phase]
-        self.autoreset = autoreset
         self._games = many_games.room_for_games(
             self.scenario,
             self.num_envs,
@@ -145,8 +133,6 @@ class VectorGame(VectorEnv):
         self._everywhere.flags.writeable = False
         # A copy of the last observations: the learner may change the arrays that it received.
         self._masks = many_games.new_observations(self._games).action_mask
-        self._final = many_games.new_observations(self._games)
-        self._final_infos = many_games.new_infos(self._games)
         self.metadata = {"name": "sparse_coord_vector_v0"}
         if spaces is not None:
             self._declare_spaces()
@@ -155,7 +141,7 @@ class VectorGame(VectorEnv):
         """Declare the observation and action spaces of gymnasium."""
         team = len(self.robots)
         columns = np.array([self.column_sizes] * team)
-        self.metadata["autoreset_mode"] = AutoresetMode[self.autoreset.upper()]
+        self.metadata["autoreset_mode"] = AutoresetMode.NEXT_STEP
         self.single_action_space = spaces.MultiDiscrete([self.actions] * team)
         self.single_observation_space = spaces.Dict(
             {
@@ -273,20 +259,8 @@ class VectorGame(VectorEnv):
         """
         chosen = self._checked_actions(actions)
         shown, outcome, infos = self._rooms()
-        same_step = self.autoreset == "same_step"
-        self._loops.step_all(
-            self._games,
-            chosen,
-            shown,
-            outcome,
-            infos,
-            self._final,
-            self._final_infos,
-            same_step,
-        )
+        self._loops.step_all(self._games, chosen, shown, outcome, infos)
         told = self._told(infos, self._everywhere)
-        if same_step:
-            told |= self._told_of_ends(outcome.terminated | outcome.truncated)
         return self._observed(shown), *outcome, told
 
     def _checked_actions(self, actions: np.ndarray) -> np.ndarray:
@@ -294,10 +268,6 @@ class VectorGame(VectorEnv):
         games = self._games
         if not self._begun:
             raise RunError("the environment has no episodes yet; call reset first")
-        if self.autoreset == "disabled" and games.ended.any():
-            game = int(games.ended.argmax())
-            remedy = "call reset with options={'reset_mask': ...}"
-            raise RunError(f"the episode of game {game} has ended; {remedy}")
         given = np.asarray(actions)
         shape = games.cells.shape
         fits = given.shape == shape and given.dtype.kind in "iu"
@@ -335,23 +305,6 @@ class VectorGame(VectorEnv):
         told.update({f"_{name}": which for name in infos._fields})
         return told
 
-    def _told_of_ends(self, ended: np.ndarray) -> dict[str, Any]:
-        """Return the infos of games that ended and began anew in the same step."""
-        if not ended.any():
-            return {}
-        observed = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(ended).tolist():
-            observed[i] = {
-                name: rows[i].copy() for name, rows in self._final._asdict().items()
-            }
-        infos = many_games.Infos(*(_only(rows, ended) for rows in self._final_infos))
-        return {
-            "final_obs": observed,
-            "_final_obs": ended,
-            "final_info": self._told(infos, ended),
-            "_final_info": ended,
-        }
-
     def state(self) -> np.ndarray:
         """Return the joint states, int64, shape (games, 2 robots + 1).
 
@@ -365,10 +318,3 @@ class VectorGame(VectorEnv):
             raise RunError("the environment has no episodes yet; call reset first")
         parts = (games.cells, games.arrived, games.half[:, None])
         return np.concatenate(parts, axis=1, dtype=np.int64, casting="unsafe")
-
-
-def _only(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Return a copy of some rows, and zeros in place of the others."""
-    chosen = np.zeros_like(rows)
-    chosen[which] = rows[which]
-    return chosen

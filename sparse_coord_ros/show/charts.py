@@ -59,6 +59,7 @@ REFERENCES = (OPTIMUM, BOUND, BEST_ASKING, SHORTEST)
 """Lines that learners are compared with: columns of the data that `draw_*` take."""
 
 INDIV, NONCOOP, COOP, VOI = ("indiv", "noncoop", "coop", "voi")
+HYSTERETIC, CQ, JOINT = ("hysteretic", "cq", "joint")
 
 HOLLOW = {"markerfacecolor": "white"}
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -66,6 +67,9 @@ LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
     NONCOOP: {"color": LINE_COLOURS[3], "marker": "^", "linestyle": "--"},
     COOP: {"color": LINE_COLOURS[1], "marker": "o", "linestyle": "-"},
     VOI: {"color": LINE_COLOURS[0], "marker": "P", "linestyle": (0, (5, 1))},
+    HYSTERETIC: {"color": "#B8507A", "marker": "v", "linestyle": (0, (3, 1, 1, 1))},
+    CQ: {"color": "#7F9C4D", "marker": "D", "linestyle": (0, (2, 1))},
+    JOINT: {"color": "#5D5D8A", "marker": "X", "linestyle": (0, (4, 1, 1, 1, 1, 1))},
 }
 ALL_PEERS = f"{COOP}, all peers"
 STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -99,11 +103,11 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
 
 OTHER: Mapping[str, Any] = {
-    "color": "#B8507A",
-    "marker": "v",
-    "linestyle": (0, (3, 1, 1, 1)),
+    "color": "#A08070",
+    "marker": "*",
+    "linestyle": (0, (1, 1)),
 }
-"""How other learners are drawn."""
+"""How users' own learners are drawn."""
 
 NESTED: Mapping[str, Mapping[str, Any]] = {
     SHORTEST: {"linewidth": 7.0},
@@ -128,6 +132,7 @@ POINT: Mapping[str, Any] = {
 """Sizes of points that no line joins."""
 
 ERRORS = "Bars: one standard error of the mean over {runs} learning runs."
+WHISKERS = ERRORS.replace("Bars", "Whiskers")
 NO_BARS = "Each point: {runs} learning runs."
 NESTED_TEXT = "\nLines that coincide lie on one another, the thinner on top."
 """What the legend of a figure says above its lines."""
@@ -247,7 +252,7 @@ def are_long(names: Sequence[str]) -> bool:
 
 
 def draw_bars(axes: Axes, data: pd.DataFrame) -> None:
-    """Draw learners as bars, side by side; the axis begins near the lowest one.
+    """Draw learners as bars above their names; the axis begins near the lowest one.
 
     Args:
         axes: the panel.
@@ -265,9 +270,9 @@ def draw_bars(axes: Axes, data: pd.DataFrame) -> None:
             yerr=error,
             capsize=3,
             color=style["color"],
-            label=str(point["line"]),
         )
-    axes.set_xticks([])
+    names = list(map(str, data["line"]))
+    axes.set_xticks(range(len(names)), names, rotation=90 if are_long(names) else 0)
     axes.set_xlim(-0.7, len(data) - 0.3)
     _finish_panel(axes)
 

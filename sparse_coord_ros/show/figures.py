@@ -393,7 +393,7 @@ def curves_figure(curves: pd.DataFrame, names: Sequence[str], title: str) -> Fig
             curves["steps"], mean - error, mean + error, color=colour, alpha=0.25, lw=0
         )
         axes.plot(curves["steps"], mean, color=colour)
-        axes.set_xlabel("learning steps")
+        axes.set_xlabel("learning step")
         axes.set_ylabel(CURVE_LABELS[name])
         axes.grid(alpha=0.3)
     return figure

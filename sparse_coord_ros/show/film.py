@@ -45,6 +45,9 @@ TALK = 1.6
 HOLD = 4.0
 """Duration of the still frame of a question, and of the last frame, in time steps."""
 
+ASIDE = 0.23
+"""Distance of the signs of two robots that ask each other from the line between them, in cells."""
+
 SHARED = 0.27
 """Distance of robots in a shared cell from its centre, in cells."""
 
@@ -157,10 +160,12 @@ class EpisodePictures:
         asks = questions_of(self._episode.steps[step]) if speaking else ()
         if over:
             self._put(self._meeting(self._interacting[step], step))
-        self._put(self._trails(step))
+        self._put(self._trails(step, positions))
         self._put(line for ask in asks for line in self._lines(ask, positions))
         self._put(self._robots(positions, {ask.asker for ask in asks}))
-        self._put(sign for ask in asks for sign in self._sign(ask, positions))
+        for ask in asks:
+            aside = ASIDE if any(map(ask.is_mutual_with, asks)) else 0.0
+            self._put(self._sign(ask, positions, aside))
         if over:
             self._put(self._marks(self._interacting[step], step))
         sentences = [ask.in_words(self._names) for ask in asks]
@@ -194,10 +199,11 @@ class EpisodePictures:
                 positions[k] += SHARED * np.array([-np.cos(turn), np.sin(turn)])
         return positions
 
-    def _trails(self, step: int) -> Iterator[Artist]:
+    def _trails(self, step: int, positions: np.ndarray) -> Iterator[Artist]:
+        """Yield each robot's way from its start through the cells of the steps to its position."""
         others = len(self._names) - 1
         for k in range(len(self._names)):
-            x, y = self._places[self._cells[: step + 1, k]].T
+            x, y = np.vstack([self._places[self._cells[: step + 1, k]], positions[k]]).T
             shift = 0.1 * (k - others / 2) / max(1, others)
             yield Line2D(
                 x + shift,
@@ -269,16 +275,28 @@ class EpisodePictures:
             )
             yield line
 
-    def _sign(self, ask: Question, positions: np.ndarray) -> Iterator[Artist]:
+    def _sign(
+        self, ask: Question, positions: np.ndarray, aside: float
+    ) -> Iterator[Artist]:
         """Yield the sign of a question's outcome, nearer to the asked robot.
 
         A question to several robots has one sign, beside the asker: more would hide robots.
+
+        Args:
+            ask: the question.
+            positions: of the robots.
+            aside: how far to the side of its line the sign stands, in cells.
         """
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
         x, y = 0.45 * positions[ask.asker] + 0.55 * positions[peer]
         if len(ask.peers) > 1:
             x = x + 0.38
             y = y - 0.38
+        along = positions[peer] - positions[ask.asker]
+        length = float(np.hypot(*along))
+        if length > 0.0:
+            x = x - aside * along[1] / length
+            y = y + aside * along[0] / length
         if np.isfinite(x):
             colour = palette.OUTCOME_COLOURS[ask.outcome]
             yield Circle(

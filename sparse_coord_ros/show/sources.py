@@ -91,16 +91,29 @@ class OpenedRun:
         scenario = self.config.scenario
         if self.directory is not None:
             return load_team(self.directory, scenario, self.config.known_rule)
-        tables = []
+        entries = []
         for k, robot in enumerate(scenario.robots):
             entry = self.log.tables_before(k)
             if entry is None:
                 problem = f"holds no tables of {robot.name}; see 'sparse_coord info'"
                 raise TablesError(f"{self.path}: {problem}")
-            tables.append(entry.tables)
+            entries.append(entry)
+        tables = [entry.tables for entry in entries]
+        self._say_how_old(min(entry.step for entry in entries))
         if self.config.known_rule is not None:
             check_tables(scenario, tables, self.config.rule)
         return tables
+
+    def _say_how_old(self, step: int) -> None:
+        """Say it if a bag's newest tables are from before its end: of this time step."""
+        log = self.log
+        made = log.made_before(step)
+        ends = log.made_before(int(log.step.max(initial=0)))
+        if made < ends:
+            self.say(
+                f"its newest tables are of step {made} of {ends}: the policy is the one of then; "
+                "tables are recorded at checkpoints and at the end"
+            )
 
     @cached_property
     def history(self) -> History:

@@ -48,6 +48,10 @@ class Question(NamedTuple):
         """Its display: ANSWERED, REFUSED or FAILED."""
         return self.end.outcome
 
+    def is_mutual_with(self, other: "Question") -> bool:
+        """Return whether two robots ask each other."""
+        return other.asker in self.peers and self.asker in other.peers
+
     def in_words(self, names: Sequence[str]) -> str:
         """Return it as a sentence."""
         whom = ", ".join(names[peer] for peer in self.peers) or "no peer"
@@ -100,7 +104,7 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
     if acted:
         inter = interactions_of(log.run.scenario)
         met = miscoordinates(inter, log.cells[row], log.cells[row + 1])
-    codes = [PerceptEnd.said(end) for end in log.column(PERCEPT.name)[row]]
+    codes = [PerceptEnd.from_number(end) for end in log.column(PERCEPT.name)[row]]
     ends = [PerceptEnd.LATE if end is None else end for end in codes]
     step = int(log.step[row])
     cells = _known(log.cells[row])

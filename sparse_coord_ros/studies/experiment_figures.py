@@ -29,6 +29,7 @@ from sparse_coord_ros.show.charts import (
     NO_BARS,
     OPTIMUM,
     SHORTEST,
+    WHISKERS,
     add_legend,
     are_long,
     draw_bars,
@@ -227,7 +228,7 @@ def learners_figure(results: Results, measures: Sequence[str]) -> Figure:
             axes.set_title(group[0].scenario.name, fontsize=11)
         finish_measure(drawn, measure)
         label_axes(drawn, columns, measure, "")
-    add_legend(figure, ERRORS.format(runs=results[0].runs))
+    add_legend(figure, WHISKERS.format(runs=results[0].runs))
     return figure
 
 

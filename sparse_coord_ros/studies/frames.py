@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from sparse_coord_ros.base.dataframes import data_frame
+from sparse_coord_ros.base.errors import check_argument
 from sparse_coord_ros.core.solve.shipped import shipped_best_team
 from sparse_coord_ros.studies.compared import best_asking_team, paper
 from sparse_coord_ros.studies.condition_result import ConditionResult
@@ -22,8 +23,20 @@ SIZES = ("joint_states", "visited_share", "visited_bytes", "dense_bytes")
 
 
 def listed(results: ResultsLike) -> list[ConditionResult]:
-    """Return results as a list."""
-    return list(results.values() if isinstance(results, Mapping) else results)
+    """Return results as a list.
+
+    Raises:
+        SettingError: there is none, or one is no result of `sweep` or `run_experiment`.
+    """
+    found = results.values() if isinstance(results, Mapping) else results
+    chosen = list(found) if isinstance(found, Iterable) else []
+    fits = all(isinstance(result, ConditionResult) for result in chosen)
+    allowed = (
+        "results of sweep or run_experiment, one at least (of train_many, draw runs.plot(), and "
+        "use runs.history and runs.measures.to_pandas())"
+    )
+    check_argument("results", results, bool(chosen) and fits, allowed)
+    return chosen
 
 
 def to_pandas(results: ResultsLike, *, by_run: bool = False) -> "pd.DataFrame":

@@ -60,7 +60,7 @@ RUN_TRIALS = Setting(
     low=1,
     high=1_000_000,
 )
-TRIALS_OR_NONE = replace(RUN_TRIALS, low=0, least=1)
+TRIALS_OR_NONE = replace(RUN_TRIALS, low=0)
 
 Say = Callable[[str], None]
 """Is told in one line about results that are left out."""

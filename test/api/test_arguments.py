@@ -10,48 +10,6 @@ from patience import PATIENCE_SECONDS
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import RunError, SparseCoordError
 
-LONG = 5000 * "x"
-NUL = "a\0b"
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """Work in an empty directory, and see that it stays empty."""
-    monkeypatch.chdir(tmp_path)
-    yield
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (sc.load_scenario, "scenario"),
-        (sc.load_run, "run"),
-        (sc.evaluate, "run"),
-        (sc.read_log, "bag"),
-        (sc.verify, "bag"),
-        (lambda path: sc.run_experiment("table1", out=path), "out"),
-        (lambda path: sc.train("env1", checkpoint=path), "checkpoint"),
-        (
-            lambda path: sc.train(sc.load_scenario("env1", steps=5)).save(path),
-            "directory",
-        ),
-    ],
-)
-@pytest.mark.parametrize(
-    ("path", "allowed"),
-    [(NUL, "a path without NUL characters"), (LONG, "names of up to 255")],
-)
-def test_a_path_that_no_system_has(here, call, name, path, allowed):
-    with pytest.raises(SparseCoordError) as caught:
-        call(path)
-    line = str(caught.value)
-    assert (
-        line.startswith(f"{name}: value is '{path[:1]}")
-        and f"allowed: {allowed}" in line
-    )
-    assert len(line) < 300
-
 
 def test_a_path_within_a_file_that_no_system_has(tmp_path):
     file = tmp_path / "a.yaml"
@@ -82,3 +40,32 @@ def test_a_scheduler_that_is_not_there_is_told_at_once(monkeypatch):
     with pytest.raises(RunError, match="scheduler tcp://127.0.0.1:1"):
         sc.train_many("env1", runs=1, scheduler="tcp://127.0.0.1:1")
     assert time.monotonic() - began < PATIENCE_SECONDS, "a worker would be waited for"
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: sc.train("env1", steps=100),
+            "train has no argument 'steps'; a setting is given with the scenario: "
+            "load_scenario(..., steps=100)",
+        ),
+        (
+            lambda: sc.train_many("env1", penalty=-5),
+            "train_many has no argument 'penalty'; a setting is given with the scenario: "
+            "load_scenario(..., penalty=-5)",
+        ),
+        (
+            lambda: sc.train("env1", seeds=[1, 2]),
+            "train has no argument 'seeds'; many runs are made by train_many",
+        ),
+        (lambda: sc.plot([sc.Runs()]), "results: value is [<Runs of 0>], allowed: "),
+        (lambda: sc.plot([]), "results: value is [], allowed: results of sweep or"),
+        (lambda: sc.to_pandas(sc.Runs()), "(of train_many, draw runs.plot(), and use"),
+    ],
+)
+def test_settings_and_runs_in_a_wrong_place_have_a_remedy(call, words):
+    with pytest.raises(SparseCoordError) as caught:
+        call()
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

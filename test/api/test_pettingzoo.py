@@ -34,7 +34,7 @@ def test_pettingzoos_own_check(name, asking):
 @pytest.mark.parametrize("asking", ["half_steps", "in_observation"])
 def test_it_is_a_game_of_the_vector_environment(asking):
     scenario = load_scenario("crowd-3r", perception="probability:0.6", horizon=30)
-    many = sc.vector_env(scenario, 1, seed=5, asking=asking, autoreset="disabled")
+    many = sc.vector_env(scenario, 1, seed=5, asking=asking)
     env = parallel_env(scenario, asking=asking)
     random = np.random.default_rng(3)
     rows, _ = many.reset()

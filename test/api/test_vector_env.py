@@ -209,7 +209,7 @@ def as_lists(value):
 @pytest.mark.parametrize("asking", ["half_steps", "in_observation"])
 @pytest.mark.parametrize("phase", ["evaluation", "learning"])
 def test_compiled_and_plain_python_agree(monkeypatch, asking, phase):
-    made = {"asking": asking, "phase": phase, "autoreset": "same_step"}
+    made = {"asking": asking, "phase": phase}
     scenario = sc.load_scenario("crowd-3r", perception="probability:0.6", **STARTS)
     compiled = in_turn(sc.vector_env(scenario, 3, **made))
     monkeypatch.setattr(many_games, "has_numba", lambda: False)
@@ -260,7 +260,9 @@ def returns_of(env, tables, episodes):
 @pytest.mark.parametrize("learner", ["coop", "voi", "noncoop"])
 @pytest.mark.parametrize("perception", ["always", "probability:0.5"])
 def test_a_learned_team_is_worth_what_exact_evaluation_says(learner, perception):
-    scenario = sc.load_scenario("env1", penalty=-100, perception=perception)
+    scenario = sc.load_scenario(
+        "env1", penalty=-100, perception=perception, steps=20_000
+    )
     training = sc.train(scenario, learner, seed=4)
     env = sc.vector_env(training.scenario, 1000, seed=1)
     means = returns_of(env, training.tables, 8).mean(axis=1)
@@ -289,18 +291,18 @@ def test_robots_that_have_arrived_pay_for_later_miscoordinations():
 
 
 @pytest.mark.parametrize("asking", ["half_steps", "in_observation"])
-def test_the_three_ways_of_beginning_anew_are_the_same_episodes(asking):
+def test_a_game_begins_anew_by_itself_or_by_a_mask_with_the_same_episodes(asking):
     """The same actions of each game bring the same episodes, whenever they begin."""
     scenario = sc.load_scenario("env2-4r", perception="probability:0.7", horizon=12)
-    episodes = [
-        episodes_of(sc.vector_env(scenario, 5, seed=8, asking=asking, autoreset=way))
-        for way in ("next_step", "same_step", "disabled")
-    ]
-    assert episodes[0] == episodes[1] == episodes[2]
-    assert min(map(len, episodes[0])) > 4
+    by_itself, by_mask = (
+        episodes_of(sc.vector_env(scenario, 5, seed=8, asking=asking), masked=masked)
+        for masked in (False, True)
+    )
+    assert by_itself == by_mask
+    assert min(map(len, by_itself)) > 4
 
 
-def episodes_of(env):
+def episodes_of(env, *, masked):
     """Return a list for each game: its episodes, as lists of all that was said."""
     games = range(env.num_envs)
     randoms = [np.random.default_rng(i) for i in games]
@@ -308,13 +310,12 @@ def episodes_of(env):
     current = [[as_lists([seen["observation"][i]])] for i in games]
     found = [[] for _ in games]
     over = np.zeros(env.num_envs, dtype=bool)
-    way = env.autoreset
     while min(map(len, found)) < 5:
         actions = np.zeros(seen["observation"].shape[:2], dtype=np.int64)
         for i in games:
-            if way != "next_step" or not over[i]:
+            if masked or not over[i]:
                 actions[i] = random_actions(randoms[i], seen["action_mask"][i])
-        begins = over if way == "next_step" else np.zeros_like(over)
+        begins = np.zeros_like(over) if masked else over
         seen, rewards, ended, cut, infos = env.step(actions)
         over = ended | cut
         for i in games:
@@ -322,20 +323,13 @@ def episodes_of(env):
                 current[i] = [as_lists([seen["observation"][i]])]
                 assert not rewards[i].any() and not over[i]
                 continue
-            said = seen
-            told = infos
-            if way == "same_step" and over[i]:
-                said = {name: {i: row} for name, row in infos["final_obs"][i].items()}
-                told = infos["final_info"]
-                assert told["_arrived"][i] and infos["_final_obs"][i]
             names = ("half_step", "miscoordination", "arrived", "reward_parts")
-            kept = [said["observation"][i], said["action_mask"][i], rewards[i]]
-            kept += [ended[i], cut[i], *(told[name][i] for name in names)]
+            kept = [seen["observation"][i], seen["action_mask"][i], rewards[i]]
+            kept += [ended[i], cut[i], *(infos[name][i] for name in names)]
             current[i].append(as_lists(kept))
             if over[i]:
                 found[i].append(current[i])
-                current[i] = [as_lists([seen["observation"][i]])]
-        if way == "disabled" and over.any():
+        if masked and over.any():
             seen, infos = env.reset(options={"reset_mask": over})
             assert (infos["_arrived"] == over).all()
             for i in np.flatnonzero(over):
@@ -401,14 +395,6 @@ def test_bad_actions_change_nothing():
     assert rewards[0, 0] == -1.0
 
 
-def test_an_ended_game_that_nobody_begins():
-    env = sc.vector_env("env1", 2, seed=1, autoreset="disabled")
-    env.reset()
-    with pytest.raises(RunError, match="game 0 has ended"):
-        for _ in range(10_000):
-            env.step(np.full((2, 2), 0))
-
-
 def test_seeds():
     same = sc.vector_env("env1", 4, seed=6, phase="learning").reset()[0]["observation"]
     assert (
@@ -453,8 +439,6 @@ def test_it_is_an_environment_of_gymnasium():
         env = sc.vector_env("crowd-3r", 3, seed=1, asking=asking)
         assert isinstance(env, vector.VectorEnv)
         assert env.metadata["autoreset_mode"] == vector.AutoresetMode.NEXT_STEP
-        same = vector.AutoresetMode.SAME_STEP
-        assert sc.vector_env("env1", 1, autoreset=same).autoreset == "same_step"
         wrapped = vector.VectorWrapper(env)
         env.action_space.seed(1)
         seen, _ = wrapped.reset(seed=3)

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 
 import pytest
+import yaml
 from teams import tables_in
 
 from sparse_coord_ros.cli import evaluate as module
@@ -126,7 +127,12 @@ def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
     whole = summary.read_text()
     steps = load_run(folder / "a").scenario.steps
     summary.write_text(f"transitions: {steps}\n")  # of nodes that were started by hand
-    assert "not finished" not in sparse_coord("evaluate", "a", "--trials", 10)[2]
+    _, out, err = sparse_coord("evaluate", "a", "--trials", 10)
+    assert "not finished" not in err
+    completed = yaml.safe_load(summary.read_text())
+    assert list(completed) == ["result", "verdict", "transitions"]
+    assert "returns" in completed["result"]
+    assert completed["verdict"] == out.splitlines()[-1]
     summary.write_text(whole)
     (folder / "a" / "tables.npz").unlink()
     code, _, err = sparse_coord("evaluate", "a", "--trials", 10)

@@ -85,7 +85,8 @@ def runs(place):
     out = ["train", "live"]
     how = ("env1", "--learner", LEARNER, *SETTINGS, "--out")
     with chdir(place):
-        assert main(["train", *how, out[0], "--trials", "0"]) == 0
+        plain = ("--engine", "python", "--trials", "0")
+        assert main(["train", *how, out[0], *plain]) == 0
         assert main(["run", *how, out[1]]) == 0
     return [place / directory for directory in out]
 
@@ -153,7 +154,7 @@ def test_where_it_fails_one_line_says_so(here, place):
     broken = ("--learner", "my_code:Broken", "--steps", 50)
     blame = "error: learner 'my_code:Broken' failed while learning: KeyError: "
     for arguments in (
-        ("train", "env1", *broken, "--out", "broken"),
+        ("train", "env1", *broken, "--engine", "python", "--out", "broken"),
         ("run", "env1", *broken, "--out", "broken_live"),
         (
             "reproduce",

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.body_simulator import BodySimulator, Noise
-from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.cmd_vel_driver import CmdVelDriver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.trials import DRIVE_SETTINGS, limits_of
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, Goals
@@ -28,16 +28,16 @@ def driven(most=4000, **values):
     simulator = BodySimulator(metric_map, 1, 1, Noise(0.0, 0.0))
     body = simulator.bodies[0]
     body.put(*metric_map.place(0, START))
-    driver = Driver(metric_map, limits_of(values, metric_map.side), 0)
-    driver.take(Goals(1, 5, False, -9.0, (BodyGoal(0, START, END),)))
     commands = []
+    limits = limits_of(values, metric_map.side)
+    driver = CmdVelDriver(metric_map, limits, 0, commands.append)
+    driver.take(Goals(1, 5, False, -9.0, (BodyGoal(0, START, END),)))
     for _ in range(most):
         driver.sees(simulator.seconds, body.pose)
-        command, report = driver.next()
+        report = driver.next(0.0)
         if report is not None:
             return metric_map, commands, report, body.pose
-        commands.append(command)
-        body.command = command
+        body.command = commands[-1]
         simulator.tick()
     raise AssertionError("it never reports")
 

@@ -23,7 +23,7 @@ from sparse_coord_ros.lab.driving.body_simulator import (
     BodySimulator,
     Noise,
 )
-from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.cmd_vel_driver import CmdVelDriver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
 from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
@@ -203,9 +203,22 @@ def test_touches_are_counted_once_where_they_begin(metric_map):
     assert [touch.where for touch in simulator.touches] == [IN_DOORWAY, ELSEWHERE]
 
 
+class Driver(CmdVelDriver):
+    """A driver whose commands are returned beside its reports."""
+
+    def __init__(self, metric_map, limits, robot):
+        self.commands = []
+        super().__init__(metric_map, limits, robot, self.commands.append)
+
+    def both(self):
+        self.commands.clear()
+        reached = self.next(0.0)
+        return (self.commands[-1] if self.commands else None), reached
+
+
 def seen(driver, seconds, x, y, yaw=0.0):
     driver.sees(seconds, Pose(x, y, yaw))
-    return driver.next()
+    return driver.both()
 
 
 def goals(start, end, number=1, *, place=False, since=-9.0):
@@ -215,10 +228,10 @@ def goals(start, end, number=1, *, place=False, since=-9.0):
 def test_a_driver_drives_stops_and_reports(metric_map):
     driver = Driver(metric_map, LIMITS, 0)
     driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
-    assert driver.next() == (None, None)  # no pose yet
+    assert driver.both() == (None, None)  # no pose yet
     command, reached = seen(driver, 10.0, 0.7, 4.7)
     assert command.turn < 0 and reached is None and driver.busy
-    assert driver.next() == (None, None)  # nothing new
+    assert driver.both() == (None, None)  # nothing new
     command, reached = seen(driver, 11.5, *metric_map.place(0, CELLS[1, 0]))
     assert command == (0.0, 0.0)
     assert reached == (0, 1, CELLS[1, 0], True, 1.5, 11.5)
@@ -319,7 +332,7 @@ def test_a_driver_waits_for_a_pose_that_follows_its_goal(metric_map):
     driver = Driver(metric_map, LIMITS, 0)
     driver.sees(7.0, Pose(0.7, 4.7, 0.0))
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=7.1))
-    assert driver.next() == (None, None)
+    assert driver.both() == (None, None)
     assert seen(driver, 7.1, 0.7, 4.7) == (None, None)
     assert seen(driver, 7.2, 0.7, 4.7)[0] is not None
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
@@ -333,7 +346,7 @@ def test_a_goal_overtakes_the_poses_of_a_long_drive_of_others(metric_map):
     driver = Driver(metric_map, LIMITS, 0)
     driver.sees(7.0, Pose(0.7, 4.7, 0.0))
     driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=9.0))
-    assert driver.next() == (None, None)
+    assert driver.both() == (None, None)
     for k in range(1, 21):
         assert seen(driver, 7.0 + k / 10, 0.7, 4.7) == (None, None)
     assert seen(driver, 9.1, 0.7, 4.7)[0] is not None
@@ -464,9 +477,30 @@ def test_interactions_that_a_remedy_names_are_allowed(team, interactions):
     run, tables = team
     driven = drive(run, tables, episodes=1, seed=4, values=VALUES)
     scenario = load_scenario("env1", interactions=interactions)
+    run = make_run(scenario, {})
     touched = replace(driven, elsewhere=np.array([1]))
-    *_, sentence = remedies(make_run(scenario, {}), touched)
+    *_, sentence = remedies(run, touched)
     wanted = sentence.partition("interactions=")[2].rstrip(".")
     blocks = {kind: at for kind, at in scenario.kinds.items() if kind == "block"}
     kinds = {"together": "anywhere", "swap": "", **blocks}
     assert load_scenario("env1", interactions=wanted).kinds == kinds
+
+
+@pytest.mark.parametrize(
+    ("interactions", "remedy"),
+    [
+        ("together", "at a higher penalty, such as --set penalty=-200."),
+        ("together:any_doorway+block", "at a higher penalty, such as --set"),
+        ("swap", "let them learn with --set interactions=together+swap."),
+        ("block", "which hold one robot each: take larger cells."),
+        ("swap+block:anywhere", "which hold one robot each: take larger cells."),
+    ],
+)
+def test_a_higher_penalty_is_a_remedy_only_where_it_is_paid(team, interactions, remedy):
+    run, tables = team
+    driven = drive(run, tables, episodes=1, seed=4, values=VALUES)
+    run = make_run(load_scenario("env1", interactions=interactions), {})
+    none = np.array([0])
+    driven = replace(driven, in_doorways=np.array([1]), elsewhere=none)
+    [sentence] = remedies(run, driven)
+    assert remedy in sentence

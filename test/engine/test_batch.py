@@ -71,18 +71,18 @@ def test_a_learner_is_compiled_when_its_turn_comes(monkeypatch):
     prepared = []
     monkeypatch.setattr(batch, "prepare", lambda rule: prepared.append(rule.label))
     small = problem("env1", steps=5)
-    batches = [
-        Batch(small, learner_of(name), [1, 2, 3]) for name in ("coop", "noncoop")
-    ]
+    batches = [Batch(small, learner_of(name), [1, 2, 3]) for name in ("coop", "voi")]
     runs = run_batches(batches, trials=2, engine="numba", jobs=1)
     next(runs)
     assert prepared == ["coop"]
-    assert len(list(runs)) == 5 and prepared == ["coop", "noncoop"]
+    assert len(list(runs)) == 5 and prepared == ["coop", "voi"]
 
 
 CROWDS = {
-    "coop": problem("crowd-3r", peers="all", epsilon="constant:1"),
-    "voi": problem("env2-4r", peers="all", epsilon="constant:0.5", max_steps=60),
+    "coop": problem("crowd-3r", steps=500, peers="all", epsilon="constant:1"),
+    "voi": problem(
+        "env2-4r", steps=500, peers="all", epsilon="constant:0.5", max_steps=60
+    ),
 }
 """Teams whose tables get many rows."""
 
@@ -93,11 +93,11 @@ def test_tables_that_grow_on_the_way_learn_the_same(monkeypatch, learner, compil
     scenario = CROWDS[learner]
     team = Team(scenario, learner_of(learner), compiled=compiled)
     roomy = LearningRun(team, 2)
-    roomy.advance(1000)
+    roomy.advance(500)
     monkeypatch.setattr(table, "FIRST_ROWS", 2)
     run = LearningRun(team, 2)
     sizes = set()
-    for until in range(40, 1001, 40):
+    for until in range(25, 501, 25):
         run.advance(until)
         rows = run.minds[0].q_coord if learner == "coop" else run.minds[0].rho
         assert rows.used.max() < rows.values.shape[1] <= rows.index.shape[1] / 2
@@ -112,7 +112,7 @@ def test_tables_of_agents_grow_on_the_way_too(monkeypatch, learner):
     rule = learner_of(learner)
     scenario = CROWDS[learner]
     roomy = LearningRun(Team(scenario, rule, compiled=False), 2)
-    roomy.advance(1000)
+    roomy.advance(500)
     monkeypatch.setattr(table, "FIRST_ROWS", 2)
     memories, history = by_agents(scenario, rule, 2)
     assert all(map(memories_equal, memories, roomy.memories))
@@ -131,21 +131,25 @@ def test_the_record_of_episodes_grows(compiled):
     assert all(map(memories_equal, run.memories, memories))
 
 
-@pytest.mark.parametrize("learner", [*CROWDS, "noncoop", "indiv"])
-@pytest.mark.parametrize("compiled", [False, True])
+PLAIN = [(name, False) for name in (*CROWDS, "noncoop", "indiv")]
+
+
+@pytest.mark.parametrize(
+    ("learner", "compiled"), [*PLAIN, ("coop", True), ("voi", True)]
+)
 def test_trials_on_the_way_change_nothing(learner, compiled):
     """They perceive joint states that were not met, lose patience, and begin episodes."""
     scenario = CROWDS.get(learner, problem("env2-4r"))
     team = Team(scenario, learner_of(learner), compiled=compiled)
     run = LearningRun(team, 1)
-    for until in (3, 500, 1000):  # two of them in the middle of an episode
+    for until in (3, 250, 500):  # two of them in the middle of an episode
         run.advance(until)
         before = run.memories
         again, same = (run.play(5) for _ in range(2))
         assert again == same
         assert all(map(memories_equal, run.memories, before))
     unbroken = LearningRun(team, 1)
-    unbroken.advance(1000)
+    unbroken.advance(500)
     assert all(map(memories_equal, run.memories, unbroken.memories))
     assert same_bits(run.history, unbroken.history)
 
@@ -177,7 +181,7 @@ def test_a_run_that_is_not_wanted_ends(compiled):
     trials = 10**6 if compiled else 10**5
     for work in (lambda: run.advance(10**7), lambda: run.play(trials)):
         stop[0] = False
-        timer = threading.Timer(0.2, stop.__setitem__, (0, True))
+        timer = threading.Timer(0.05, stop.__setitem__, (0, True))
         timer.start()
         with pytest.raises(Stopped):
             work()
@@ -195,7 +199,7 @@ def test_a_closed_batch_ends_soon():
         sent.append(time.process_time())
         os.kill(os.getpid(), signal.SIGINT)
 
-    timer = threading.Timer(1.0, interrupt)
+    timer = threading.Timer(0.3, interrupt)
     timer.start()
     try:
         with pytest.raises(KeyboardInterrupt):

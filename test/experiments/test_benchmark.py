@@ -234,7 +234,9 @@ def result_of_teams(condition, returns, arrived=None):
 def test_the_verb(capsys):
     from sparse_coord_ros.cli.main import main
 
-    words = "benchmark noncoop coop --lists tuning-pairs --runs 2 --steps 50 --engine python"
+    words = (
+        "benchmark noncoop coop --lists percepts --runs 2 --steps 50 --engine python"
+    )
     assert main(words.split()) == 0
     out = capsys.readouterr().out
     assert [line.split()[1] for line in out.splitlines()[2:4]] == ["noncoop", "coop"]

@@ -89,7 +89,7 @@ def test_table_2_has_its_two_measures():
 
 @pytest.mark.parametrize("name", [name for name in NAMES if "table" not in name])
 def test_any_other_table_has_a_row_for_each_condition(name):
-    results = results_of(name)
+    results = [made_up(one) for one in experiment(name).conditions[:16]]
     rows = table_of(to_markdown(name, results))
     assert len(rows) == len(results)
     for row, result in zip(rows, results, strict=True):

@@ -265,7 +265,7 @@ def test_a_run_uses_no_output_twice(way, name, learner, columns, made):
     """And every column of the world, and those of a robot that the learner needs."""
     rule = learner_of(learner)
     settings = {
-        "steps": 3000,
+        "steps": 1000,
         "epsilon": "constant:0.4",
         "perception": "probability:0.7",
         "starts": "mixed:0.5",

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.learners.lone import lone_values
 
-TRIALS = 300
+TRIALS = 120
 
 
 def ignoring(scenario):

@@ -30,22 +30,13 @@ CONDITIONS = [
     ("env2-2r", "indiv", -20, 10_000),
     ("pentagon", "noncoop", -100, 20_000),
 ]
-SOME = [("env1", "coop", -100, 20_000), ("env2-2r", "indiv", -20, 10_000)]
-
-
-@pytest.mark.parametrize(("name", "learner", "penalty", "steps"), SOME)
-def test_some_as_a_second_implementation(name, learner, penalty, steps):
-    compare(name, learner, penalty, steps, runs=20)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "learner", "penalty", "steps"), CONDITIONS)
 def test_as_a_second_implementation(name, learner, penalty, steps):
-    compare(name, learner, penalty, steps, runs=100)
-
-
-def compare(name, learner, penalty, steps, runs):
     """Both learn the same on average, and both compute the same values of a team."""
+    runs = 100
     scenario = sc.load_scenario(name, penalty=penalty, steps=steps)
     problem = independent.read_problem(name, MAPS)
     learned = sc.train_many(

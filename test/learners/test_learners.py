@@ -31,9 +31,8 @@ class Wordy(Coop):
     """It cannot be compiled: it makes a dictionary of texts."""
 
     @staticmethod
-    def bootstrap(mind, task, k, cell, now):
-        values = sorted(map(float, mind.q_star[k, cell]), key=str)
-        return {"best": min(values)}["best"]
+    def decide(mind, task, k, step, cell):
+        return {str(step): 2}[str(step)]
 
 
 class Eager(Coop):
@@ -101,7 +100,7 @@ def test_a_learner_that_cannot_be_compiled_runs_in_plain_python(capsys):
     assert not uses_numba("auto", rule)
     said = capsys.readouterr().err.splitlines()[-1]
     assert f"learner {rule.label}: runs in plain Python" in said
-    assert "numba cannot compile it (its bootstrap, line " in said
+    assert "numba cannot compile it (its decide, line " in said
     [run] = run_batch(scenario, rule, [3], trials=5, jobs=1)
     assert run.engine == "python"
     assert capsys.readouterr().err == "", "it says so once"

@@ -110,11 +110,10 @@ def test_perception_that_works_one_way():
     def one_way(grid):
         return np.triu(np.ones((len(grid.cells), len(grid.cells))))
 
-    with MODELS.temporary():
-        MODELS.register("one_way", one_way)
-        scenario = problem("env1", steps=400, perception="one_way")
-        team = played(scenario, 1)
-        assert tables_equal(team.tables, learn(scenario, "coop", 5))
+    MODELS.register("one_way", one_way)
+    scenario = problem("env1", steps=400, perception="one_way")
+    team = played(scenario, 1)
+    assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
 @pytest.mark.parametrize("seed", SHUFFLES)

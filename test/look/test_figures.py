@@ -3,6 +3,7 @@
 """What the pictures show, read from the figures' own artists; what `plot` writes and refuses."""
 
 import json
+import re
 import shutil
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from made_up_results import PLAN, made_up
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
+from recordings import chunks_in
 
 from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.palette import ROBOT_COLOURS
@@ -257,3 +259,19 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "alone" in said(capsys, results, trained, "--out", out)
     assert not out.exists()
+
+
+def test_a_bag_without_its_last_tables_says_of_which_step_they_are(bag, tmp_path):
+    [whole] = bag.glob("*.mcap")
+    chunks = chunks_in(whole)
+    cut = tmp_path / "cut_0.mcap"
+    cut.write_bytes(whole.read_bytes()[: chunks[-1][0]])
+    for path, said in (
+        (bag, []),
+        (cut, [r"its newest tables are of step \d+ of \d+: "]),
+    ):
+        lines = []
+        _ = open_run(path, lines.append).tables
+        found = [line for line in lines if "tables" in line]
+        assert len(found) == len(said)
+        assert all(map(re.match, said, found))

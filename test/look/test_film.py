@@ -105,6 +105,18 @@ def test_outcomes_differ_in_colour_line_and_sign():
     )
 
 
+def test_robots_that_ask_each_other_have_a_sign_each():
+    answered = wire.PerceptEnd.ANSWERED
+    one = Question(0, (1,), answered, 1)
+    rings = []
+    for questions in ([one], [one, Question(1, (0,), answered, 1)]):
+        asking = episode([[9, 11], [10, 11]], questions)
+        [(picture, _), *_] = frames(film(ENV1, asking, title="t"))
+        green = near(picture, OUTCOME_COLOURS[ANSWERED])
+        rings.append((green.any(axis=1)).sum())
+    assert rings[1] > 1.5 * rings[0]  # one above the line, one below
+
+
 def test_a_miscoordination_is_marked():
     cells = [[9, 11], [DOOR, DOOR]]
     made = (film(ENV1, episode(cells, met=met), title="t") for met in (False, True))

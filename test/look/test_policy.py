@@ -51,7 +51,7 @@ def test_a_robot_that_knows_its_map_has_learned_where_it_was():
 def at_a_tie():
     """Return a scenario in which asking is free and brings nothing, and a team that knows it."""
     scenario = learner_of("voi").with_defaults(
-        ENV1.with_settings(ask_cost=0, penalty=0, steps=2000)
+        ENV1.with_settings(ask_cost=0, penalty=0, steps=600)
     )
     return scenario, learn(scenario, "voi", 1)
 
@@ -108,7 +108,7 @@ def test_the_row_that_decides_after_a_question(name, learner, peers):
         "perception": "probability:0.5",
     }
     scenario = load_scenario(name).with_settings(
-        {**asking, "steps": 3000, "peers": peers}
+        {**asking, "steps": 600, "peers": peers}
     )
     scenario = rule.with_defaults(scenario)
     tables = learn(scenario, learner, 1)

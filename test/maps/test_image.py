@@ -140,6 +140,33 @@ def test_pixels_are_those_of_map_server(saved, mode, negate):
                 )
 
 
+GREY = np.array([[[205, 205, 205, 255], [0, 0, 0, 255]]], dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "fields", "remedy"),
+    [
+        (GREY[..., 0], {"free_thresh": 0.25}, "set free_thresh to 0.196 in the YAML"),
+        (GREY, {"free_thresh": 0.196}, "save the image without opacity, which counts"),
+        (
+            GREY,
+            {"free_thresh": 0.25},
+            "set free_thresh to 0.196 in the YAML file, and save the image without",
+        ),
+        (
+            GREY[..., 0],
+            {"free_thresh": 0.196, "mode": "scale"},
+            "set free_thresh to 0.19 in the YAML",
+        ),
+    ],
+)
+def test_what_makes_grey_205_unknown_is_what_the_file_has_not_yet(
+    saved, pixels, fields, remedy
+):
+    [remark] = saved(pixels, name="m.png", **fields).remarks
+    assert f"where they are unknown, {remedy}" in remark
+
+
 CLEAR_AND_BLACK = np.array([[[255, 255, 255, 0], [0, 0, 0, 255]]], dtype=np.uint8)
 
 

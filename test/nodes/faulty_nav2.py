@@ -8,7 +8,7 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import GoalResponse
 from rclpy.task import Future
 
-from sparse_coord_ros.ros.nodes.nav2_stand_in import Base, Nav2StandIn
+from sparse_coord_ros.ros.driving.nav2_stand_in import Base, Nav2StandIn
 
 LATE_SECONDS = 3.0
 """Delay after which a goal is accepted too late: a nav2_driver has given it up by then."""

@@ -10,8 +10,8 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.runs.run_config import BODIES_SUCCEED, load_run
 from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.core.solve.exact import evaluate_best
-from sparse_coord_ros.ros.nodes.body import BodyNode
-from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.driving.body import BodyNode
+from sparse_coord_ros.ros.driving.driver import CmdVelDriverNode
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -46,7 +46,9 @@ def test_a_team_that_knows_its_map_learns_while_it_drives(bench, tmp_path):
     context = bench.place()[0]
     for robot in ("robot_1", "robot_2"):
         values = {"robot": robot, **DRIVEN}
-        bench.add(DriverNode(context=context, name=f"{robot}_driver", values=values))
+        bench.add(
+            CmdVelDriverNode(context=context, name=f"{robot}_driver", values=values)
+        )
     bench.add(BodyNode(context=context, values={}, period=0.25))
     bench.spin_until_done()
     gather(out, world.run.scenario, interrupted=False)

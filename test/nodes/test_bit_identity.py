@@ -91,7 +91,7 @@ team is run. Percepts fail; robots perceive all peers, and are paid differently;
 whom they interacted; robots mark cells; robots stop each other, and pay for exchanges; robots
 learn from the states of their peers."""
 
-OFTEN = "coop, peers seen"
+OFTEN = "cq"
 """The game that every test run plays in processes."""
 
 

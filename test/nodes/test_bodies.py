@@ -32,14 +32,14 @@ from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
-from sparse_coord_ros.ros.nodes.body import BodyNode
+from sparse_coord_ros.ros.driving.body import BodyNode
+from sparse_coord_ros.ros.driving.driver import CmdVelDriverNode
 from sparse_coord_ros.ros.nodes.body_messages import (
     goals_message,
     reached_message,
     read_goals,
     read_reached,
 )
-from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.outputs import gather
 from sparse_coord_ros.ros.nodes.transforms import HeardTransforms
@@ -65,7 +65,7 @@ def with_bodies(bench, out, *, steps=8, body=None, driver=None, namespace="", **
     place = {"context": bench.place()[0], "namespace": namespace}
     drivers = [
         bench.add(
-            DriverNode(
+            CmdVelDriverNode(
                 name=f"{robot}_driver",
                 values={"robot": robot, **QUICK, **(driver or {})},
                 **place,
@@ -124,7 +124,7 @@ def test_any_order(bench, tmp_path, order):
 
     def driver(robot):
         values = {"robot": robot, **QUICK}
-        return DriverNode(context=context, name=f"{robot}_driver", values=values)
+        return CmdVelDriverNode(context=context, name=f"{robot}_driver", values=values)
 
     made = {
         "w": lambda: bench.world(bodies=True, steps=3),
@@ -147,7 +147,7 @@ def test_a_driver_and_a_body_that_come_back_go_on(bench, tmp_path):
     before = under_way.transitions
     context = bench.place()[0]
     values = {"robot": "robot_2", **QUICK}
-    bench.add(DriverNode(context=context, name="another", values=values))
+    bench.add(CmdVelDriverNode(context=context, name="another", values=values))
     bench.spin_until(lambda: under_way.transitions > before + 2, "with another driver")
     assert world.summary()["bodies_lost"] == 0
     bench.destroy(body)
@@ -268,7 +268,9 @@ def test_while_the_team_is_paused_all_bodies_stand(bench, tmp_path):
     bench.destroy(drivers[1])
     values = {"robot": "robot_2", **QUICK}
     context = bench.place()[0]
-    late = bench.add(DriverNode(context=context, name="robot_2_driver", values=values))
+    late = bench.add(
+        CmdVelDriverNode(context=context, name="robot_2_driver", values=values)
+    )
     bench.spin_until(lambda: late.on_duty, "another driver is on duty")
     spin_for(bench, 0.5)
     assert late.held and made.transitions == before[0]
@@ -360,7 +362,7 @@ def test_goals_and_reports_travel(own_domain):
 )
 def test_a_driver_that_does_not_fit_the_run_ends(bench, values, kind, thing):
     bench.world(bodies=True)
-    bench.add(DriverNode(context=bench.place()[0], values=values))
+    bench.add(CmdVelDriverNode(context=bench.place()[0], values=values))
     with pytest.raises(kind, match=thing):
         bench.spin_until(lambda: False)
 
@@ -372,7 +374,7 @@ def test_a_driver_that_does_not_fit_the_run_ends(bench, values, kind, thing):
 def test_poses_of_other_types(bench, pose_type, kind):
     world = bench.world(bodies=True)
     values = {"robot": "robot_2", "pose_type": pose_type, "map_frame": "here"}
-    driver = bench.add(DriverNode(context=bench.place()[0], values=values))
+    driver = bench.add(CmdVelDriverNode(context=bench.place()[0], values=values))
     observer = bench.observer()
     publisher = observer.create_publisher(kind, "robot_2/pose", 10)
     bench.spin_until(lambda: driver.presence is not None, "the run is known")
@@ -424,7 +426,7 @@ def test_transforms_need_their_package(bench, monkeypatch):
     bench.world(bodies=True)
     with pytest.raises(RunError, match="tf needs the package tf2_msgs"):
         values = {"robot": "robot_1", "pose_type": "tf"}
-        bench.add(DriverNode(context=bench.place()[0], values=values))
+        bench.add(CmdVelDriverNode(context=bench.place()[0], values=values))
         bench.spin_until(lambda: False)
 
 
@@ -433,7 +435,9 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     context = bench.place()[0]
     world = bench.world(bodies=True, steps=5)
     driver = bench.add(
-        DriverNode(context=context, values={"robot": "robot_1", "pose_timeout": 0.2})
+        CmdVelDriverNode(
+            context=context, values={"robot": "robot_1", "pose_timeout": 0.2}
+        )
     )
     observer = bench.observer()
     commands = observer.listen(Twist, "robot_1/cmd_vel")
@@ -496,7 +500,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
     """A report is sent once; before the subscription it would be lost."""
     world = bench.world(bodies=True)
     values = {"robot": "robot_1"}
-    driver = puppet(DriverNode)(context=bench.place()[0], values=values)
+    driver = puppet(CmdVelDriverNode)(context=bench.place()[0], values=values)
     observer = bench.observer()
     observer.listen(Twist, "robot_1/cmd_vel")
     heard = observer.listen(JointState, "robot_1/reached")
@@ -532,7 +536,7 @@ def test_a_body_that_is_there_already_is_reported_when_the_world_hears_it(bench)
 def test_an_inactive_driver_waits_for_its_activation(bench, frames, frame):
     bench.world(bodies=True, steps=5)
     values = {"robot": "robot_1", "stamped": True, **frames}
-    driver = bench.add(DriverNode(context=bench.place()[0], values=values))
+    driver = bench.add(CmdVelDriverNode(context=bench.place()[0], values=values))
     driver.trigger_deactivate()
     observer = bench.observer()
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)

@@ -8,7 +8,7 @@ import sys
 import chaos
 import pytest
 import yaml
-from chaos import DELETE, KILL, NODES, STOP, plan_of
+from chaos import DELETE, KILL, NODES, STOP, every_kind, plan_of
 from live_teams import odd_counts
 
 from sparse_coord_ros.log.runlog import verify
@@ -58,7 +58,8 @@ def test_counts_that_contradict_one_another_are_named(tmp_path):
 
 
 @pytest.mark.long
-def test_fifty_runs(tmp_path):
-    command = [sys.executable, chaos.__file__, "--runs", "50", "--keep", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=1700)
+def test_every_kind_of_fault(tmp_path):
+    seeds = map(str, every_kind(50))
+    command = [sys.executable, chaos.__file__, "--keep", str(tmp_path), "--seeds"]
+    done = subprocess.run([*command, *seeds], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -12,8 +12,8 @@ from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog.verify import verify
-from sparse_coord_ros.ros.nodes.body import BodyNode
-from sparse_coord_ros.ros.nodes.driver import DriverNode
+from sparse_coord_ros.ros.driving.body import BodyNode
+from sparse_coord_ros.ros.driving.driver import CmdVelDriverNode
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 FLEETS = ("a", "b")
@@ -89,7 +89,9 @@ def fleets(bench, tmp_path):
             place = {"context": bench.place()[0], "namespace": name}
             for robot in ROBOTS if bodies else ():
                 values = {"robot": robot, "pose_type": "tf", "speed": 2.0, "turn": 6.0}
-                bench.add(DriverNode(name=f"{robot}_driver", values=values, **place))
+                bench.add(
+                    CmdVelDriverNode(name=f"{robot}_driver", values=values, **place)
+                )
             if bodies:
                 bench.add(BodyNode(values={}, **place))
         return worlds

@@ -20,7 +20,7 @@ FAST = Plan(steps=450, checkpoint=60)
 SLOW = Plan(steps=420, checkpoint=120, rate=50.0)
 SLOWER = Plan(steps=700, checkpoint=200, rate=50.0)
 """So that a recorder is back before the nodes have forgotten its last checkpoint."""
-AGAIN = "continuing from a checkpoint"
+AGAIN = "continuing from the checkpoint"
 """In the world's line when a resumed run goes on."""
 
 ROBOT = "sparse_coord_ros.ros.nodes.robot"

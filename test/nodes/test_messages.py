@@ -36,7 +36,7 @@ from sparse_coord_ros.protocol.wire.status import (
     values_of,
 )
 from sparse_coord_ros.protocol.wire.tables import read_tables
-from sparse_coord_ros.ros.nodes.body import read_command
+from sparse_coord_ros.ros.driving.body import read_command
 from sparse_coord_ros.ros.nodes.body_messages import (
     goals_message,
     reached_message,

@@ -21,13 +21,13 @@ from std_srvs.srv import SetBool
 from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.settings import parse_assignments
-from sparse_coord_ros.lab.driving import navigator
+from sparse_coord_ros.lab.driving import nav2_driver as decisions
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.log.runlog.verify import verify
-from sparse_coord_ros.ros.nodes import nav2_driver, nav2_stand_in
-from sparse_coord_ros.ros.nodes.body import BodyNode
-from sparse_coord_ros.ros.nodes.driver import DriverNode
-from sparse_coord_ros.ros.nodes.nav2_stand_in import SIMULATION_SECONDS
+from sparse_coord_ros.ros.driving import nav2_driver, nav2_stand_in
+from sparse_coord_ros.ros.driving.body import BodyNode
+from sparse_coord_ros.ros.driving.driver import CmdVelDriverNode
+from sparse_coord_ros.ros.driving.nav2_stand_in import SIMULATION_SECONDS
 from sparse_coord_ros.ros.nodes.outputs import gather
 
 from .faulty_nav2 import FaultyNav2
@@ -86,7 +86,7 @@ def start_team(types, bench, tmp_path):
 
 def make_driver(bench, robot, **values):
     """Start the driver of a robot."""
-    from sparse_coord_ros.ros.nodes.nav2_driver import Nav2DriverNode
+    from sparse_coord_ros.ros.driving.nav2_driver import Nav2DriverNode
 
     values = {"robot": robot, **PATIENT, **values}
     context = bench.place()[0]
@@ -98,7 +98,7 @@ def make_driver(bench, robot, **values):
 @pytest.fixture
 def late_answers(monkeypatch):
     """Let servers answer late, as they do on a busy machine."""
-    for module in (navigator, nav2_driver):
+    for module in (decisions, nav2_driver):
         monkeypatch.setattr(module, "ANSWER_SECONDS", PATIENCE_SECONDS)
 
 
@@ -106,7 +106,7 @@ def late_answers(monkeypatch):
 def busy_machine(monkeypatch):
     """Let poses and feedback come late, and no more often than one thread can take them in."""
     for name in ("SETTLE_SECONDS", "SILENCE_SECONDS"):
-        monkeypatch.setattr(navigator, name, PATIENCE_SECONDS)
+        monkeypatch.setattr(decisions, name, PATIENCE_SECONDS)
     monkeypatch.setattr(nav2_stand_in, "SIMULATION_SECONDS", 0.1)
 
 
@@ -124,7 +124,7 @@ def moved(world, count):
 
 @pytest.mark.parametrize(
     ("scenario", "names", "steps"),
-    [("env1", ROBOTS, 40), ("env2-4r", tuple(f"robot_{k}" for k in (1, 2, 3, 4)), 20)],
+    [("env1", ROBOTS, 20), ("env2-4r", tuple(f"robot_{k}" for k in (1, 2, 3, 4)), 20)],
 )
 def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
     start_team,
@@ -149,8 +149,8 @@ def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
     assert verify(out / "bag").same
     assert not server.driving
     for driver in drivers:
-        assert driver.navigator.counts["arrived"] > 0
-        assert set(driver.navigator.counts) == {"arrived"}
+        assert driver.driver.counts["arrived"] > 0
+        assert set(driver.driver.counts) == {"arrived"}
 
 
 class Together:
@@ -178,7 +178,7 @@ class Together:
 
 @pytest.mark.parametrize(
     ("name", "training", "driving"),
-    [("env1", ["penalty=-100", "steps=100000"], 400), ("office", [], 250)],
+    [("env1", ["penalty=-100", "steps=100000"], 100), ("office", [], 80)],
 )
 def test_what_was_learned_in_simulation_nav2_drives(
     start_team, bench, tmp_path, capfd, late_answers, name, training, driving
@@ -207,7 +207,7 @@ def test_what_was_learned_in_simulation_nav2_drives(
     game = world.lockstep.world
     at_once = together.count
     with capfd.disabled():
-        counts = sum((driver.navigator.counts for driver in drivers), Counter())
+        counts = sum((driver.driver.counts for driver in drivers), Counter())
         print(
             f"\n{name}: {game.episode} episodes, {game.transitions} steps, {seconds:.0f} s; "
             f"{game.miscoordinations} steps end with both in a doorway, bodies were in one at "
@@ -274,7 +274,7 @@ def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
     start_team, bench, capfd, monkeypatch, fault, kind, stays, limit
 ):
     if fault == "silent":
-        monkeypatch.setattr(navigator, "SILENCE_SECONDS", 1.0)
+        monkeypatch.setattr(decisions, "SILENCE_SECONDS", 1.0)
     world, drivers, server = start_team(**limit)
     bench.spin_until(moved(world, 2), "under way")
     robot = server.bases["robot_1"]
@@ -284,7 +284,7 @@ def test_each_fault_of_the_server_is_said_and_nothing_hangs_or_drives_on(
     bench.spin_until(lambda: not robot.faults, f"a goal to {fault}")
     made = world.lockstep.world.transitions
     bench.spin_until(moved(world, made + 3), "the world goes on")
-    bench.spin_until(lambda: driver.navigator.counts[kind] >= 1, kind)
+    bench.spin_until(lambda: driver.driver.counts[kind] >= 1, kind)
     assert (world.summary()["moves_failed"] > before) == stays
     if fault == "late":
         assert "accepted a goal too late: it is cancelled" in capfd.readouterr().err
@@ -299,7 +299,7 @@ def test_a_killed_server_and_one_that_comes_back(start_team, serve, bench):
     process.send_signal(signal.SIGKILL)
     process.exit_code()
     bench.spin_until(
-        lambda: any(one.navigator.counts["poses lost"] for one in drivers), "lost"
+        lambda: any(one.driver.counts["poses lost"] for one in drivers), "lost"
     )
     serve(*ROBOTS)
     made = world.lockstep.world.transitions
@@ -484,7 +484,7 @@ def test_lost_poses_cancel_and_a_lifted_robot_is_lost_and_found(start_team, benc
     bench.spin_until(moved(world, 2), "under way")
     robot = server.bases["robot_1"]
     robot.lost = True
-    bench.spin_until(lambda: drivers[0].navigator.counts["poses lost"] >= 1, "blind")
+    bench.spin_until(lambda: drivers[0].driver.counts["poses lost"] >= 1, "blind")
     bench.spin_until(lambda: robot.active is None, "cancelled")
     robot.pose = Pose(50.0, 50.0, 0.0)
     robot.lost = False
@@ -509,7 +509,7 @@ def test_with_transforms_for_poses_the_same_bits(
     for name in ROBOTS:
         values = {"robot": name, "pose_type": "tf", "speed": 2.0, "turn": 6.0}
         values["pose_timeout"] = NEVER
-        bench.add(DriverNode(name=f"{name}_driver", values=values, **place))
+        bench.add(CmdVelDriverNode(name=f"{name}_driver", values=values, **place))
     bench.add(BodyNode(values={}, **place))
     transforms = bench.observer().listen(TFMessage, "/fleet/tf")
     bench.spin_until_done()

@@ -16,8 +16,8 @@ from rcl_interfaces.srv import (
 from rclpy.parameter import parameter_value_to_python
 
 from sparse_coord_ros.core.game.scenario import SETTINGS
+from sparse_coord_ros.ros.driving import driver
 from sparse_coord_ros.ros.nodes import (
-    driver,
     player,
     recorder,
     robot,

@@ -66,3 +66,22 @@ def test_a_rate_that_cannot_be_kept_is_named(bench, monkeypatch, capfd):
     bench.world(rate=1e6)
     bench.robots()
     bench.spin_until(lambda: "rate 1e+06 cannot be kept: " in capfd.readouterr().err)
+
+
+def test_a_robot_that_is_gone_is_named_and_not_the_rate(bench, monkeypatch, capfd):
+    monkeypatch.setattr(world_simulator, "PROGRESS_SECONDS", 0.8)
+    monkeypatch.setattr(world_simulator, "REPORT_SECONDS", 0.1)
+    monkeypatch.setattr(world_simulator, "CLEARLY_LESS", 0.3)
+    world = bench.world(rate=20.0, step_timeout=1.5)
+    robot, _ = bench.robots()
+    bench.spin_until(lambda: world.lockstep.world.transitions > 10)
+    capfd.readouterr()
+    bench.destroy(robot)
+    said = []
+
+    def gone():
+        said.append(capfd.readouterr().err)
+        return "robot_1 gone or silent" in "".join(said)
+
+    bench.spin_until(gone)
+    assert "cannot be kept" not in "".join(said)

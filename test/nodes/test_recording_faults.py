@@ -225,11 +225,14 @@ def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
 
 def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.ros.nodes.recorder.KEPT_FREE", 1 << 60)
-    bench.world(recorded=True, rate=100.0)
-    bench.recorder(tmp_path / "bag").flush_steps = 5
+    world = bench.world(recorded=True, steps=60)
+    recorder = bench.recorder(tmp_path / "bag")
+    recorder.flush_steps = 5
     bench.robots()
     with pytest.raises(BagError, match=r"its disk has \d+ MiB left"):
-        bench.spin_until(lambda: False)
+        bench.spin_until(lambda: False)  # the recorder's exit code is 2
+    assert world.done and world.summary()["transitions"] == 60
+    assert open_bag(tmp_path / "bag").finished
 
 
 def test_an_output_directory_that_is_deleted_is_made_again(

@@ -169,7 +169,7 @@ class Under:
         side = SimpleNamespace(
             held=False,
             finished=False,
-            world=SimpleNamespace(step=40),
+            world=SimpleNamespace(transitions=39),
             go_on_from=lambda state: setattr(side, "held", True),
             start=lambda: setattr(side, "held", False),
         )
@@ -208,7 +208,7 @@ def test_the_team_goes_on_when_all_have_begun_again_and_listen():
     made.says("robot_2", NO_ATTEMPT)
     assert made.restart.order.attempt != first.attempt
     assert made.lines == [
-        "robot_2 came back at step 40: the run begins anew, as there is no later checkpoint of "
+        "robot_2 came back at step 39: the run begins anew, as there is no later checkpoint of "
         "all nodes"
     ]
     for node in ("robot_1", "recorder"):

@@ -15,9 +15,9 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
+from sparse_coord_ros.ros.driving.body import BodyNode
+from sparse_coord_ros.ros.driving.driver import CmdVelDriverNode
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.body import BodyNode
-from sparse_coord_ros.ros.nodes.driver import DriverNode
 from sparse_coord_ros.ros.nodes.follower import Follower
 from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.player import Player
@@ -33,7 +33,9 @@ NODES = {
         lambda place, out: Recorder(values={"out": str(out / "bag")}, **place)
     ),
     "watch": (lambda place, out: WatchNode(values={"port": 0}, **place)),
-    "driver": (lambda place, out: DriverNode(values={"robot": "robot_1"}, **place)),
+    "driver": (
+        lambda place, out: CmdVelDriverNode(values={"robot": "robot_1"}, **place)
+    ),
     "body": (lambda place, out: BodyNode(values={}, **place)),
 }
 """Every node that hears `run`."""

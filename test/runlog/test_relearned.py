@@ -14,7 +14,7 @@ from sparse_coord_ros.protocol.wire.messages import Messages
 
 @pytest.fixture(params=["coop", "voi", Traces()], ids=["coop", "voi", "traces"])
 def bag(record, request):
-    settings = {"steps": 800, "perception": "probability:0.6", "max_steps": 40}
+    settings = {"steps": 500, "perception": "probability:0.6", "max_steps": 40}
     values = {"checkpoint": 250, "learner": request.param}
     return record(settings=settings, values=values).bag
 

@@ -20,7 +20,7 @@ from sparse_coord_ros.log.runlog.explain import (
 from sparse_coord_ros.log.runlog.replay import Replay, agent_with, trajectory_of
 
 EXPLORING = {
-    "steps": 400,
+    "steps": 250,
     "penalty": -60,
     "epsilon": "constant:0.5",
     "max_steps": 20,
@@ -84,7 +84,7 @@ def test_a_robot_that_asks_only_to_learn_moves_by_its_policy(logged, robots):
 def test_explain_says_why_it_asked_and_what_it_learned_a_step_later(logged):
     log = read_run(logged[2].bag)
     changed = 0
-    steps = coordinations(log, 0)[:120]
+    steps = coordinations(log, 0)[:60]
     questions = list(explained(log, 0, steps))
     memory = memory_before(log.run.rule, log.run.scenario, 0)
     replay = Replay(log, trajectory_of(log, 0), agent_with(log, 0, memory))
@@ -100,7 +100,7 @@ def test_explain_says_why_it_asked_and_what_it_learned_a_step_later(logged):
         assert replay.agent.values_asking(cell, one.perceived) == after
         assert f"    east {before[2]!r} -> {after[2]!r}" == lines[-2]
         changed += before != after
-    assert changed > 60
+    assert changed > 30
 
 
 def test_who_sees_its_peers_learns_of_them_without_an_answer(record):
@@ -122,7 +122,7 @@ def test_who_sees_its_peers_learns_of_them_without_an_answer(record):
 
 
 def test_robots_that_see_their_peers_ask_only_where_that_pays(record):
-    settings = {**EXPLORING, **SEEN, "penalty": -100, "steps": 800}
+    settings = {**EXPLORING, **SEEN, "penalty": -100, "steps": 500}
     log = read_run(record("env2-2r", settings, values={"learner": "voi"}).bag)
     steps = coordinations(log, 0)
     assert 0 < len(steps) < 0.5 * len(log.step)

@@ -7,6 +7,7 @@ Each figure is measured in a process of its own; figures and installations take 
 """
 
 import argparse
+import math
 import os
 import shutil
 import statistics
@@ -104,12 +105,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def table(figures: Sequence[Figure], pythons: Sequence[str], repeats: int) -> str:
     """Measure the figures of some installations; return a table."""
-    found = list(measured(figures, pythons, repeats))
+    repeated = list(measured(figures, pythons, repeats))
     rows = []
     for number, figure in enumerate(figures):
         row = [figure.title]
         for installation in range(len(pythons)):
-            row += spread([one[number][installation] for one in found])
+            row += spread([seconds[number][installation] for seconds in repeated])
         rows.append(row)
     head = ["medians", "here", "range", "beside it", "range"]
     return format_table(head[: len(rows[0])], rows)
@@ -132,7 +133,13 @@ def measured(
 
 
 def measure(figure: Figure, python: str, cache: Path) -> float:
-    """Return a figure of the installation that has this Python; compiled loops are in `cache`."""
+    """Return a figure of an installation; NaN: the one beside this one does not have it.
+
+    Args:
+        figure: the figure.
+        python: the installation's Python.
+        cache: the folder of its compiled loops.
+    """
     if figure.compiles:
         shutil.rmtree(cache, ignore_errors=True)
     command = [python, str(HERE / "measure.py"), *figure.call]
@@ -141,9 +148,10 @@ def measure(figure: Figure, python: str, cache: Path) -> float:
         **os.environ,
         FOLDER_VARIABLE: str(cache),
     }
-    done = subprocess.run(
-        command, check=True, capture_output=True, text=True, env=environment
-    )
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if done.returncode and python != sys.executable:
+        return math.nan
+    done.check_returncode()
     return float(done.stdout)
 
 

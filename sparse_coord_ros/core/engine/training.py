@@ -21,7 +21,12 @@ from sparse_coord_ros.base.signals import STOPPING
 from sparse_coord_ros.core.engine import batch
 from sparse_coord_ros.core.engine.trained import Training
 from sparse_coord_ros.core.engine.training_checkpoint import Checkpoint, load_checkpoint
-from sparse_coord_ros.core.game.scenario import Scenario, ScenarioLike, loaded
+from sparse_coord_ros.core.game.scenario import (
+    Scenario,
+    ScenarioLike,
+    loaded,
+    refuse_unexpected,
+)
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.registry import (
@@ -106,6 +111,7 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     watcher: Watcher | None = None,
+    **unexpected: object,
 ) -> Training:
     """Learn once, for the scenario's budget: its setting `steps`, in transitions.
 
@@ -128,12 +134,14 @@ def train(
         checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
         resume: whether to continue from `checkpoint`.
         watcher: looks at the run several times a second; the bits stay the same.
+        **unexpected: refused: settings are given with the scenario.
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
         RunError: the checkpoint is missing, cannot be read, or belongs to another run.
         PluginError: a learner or perception model of the user's own failed.
     """
+    refuse_unexpected("train", unexpected)
     rule = chosen_learner(learner)
     scenario = rule.with_defaults(loaded(scenario))
     seed = RUN_SETTINGS["seed"].parse(seed)

@@ -419,8 +419,8 @@ def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
                 f"map {where}, line {line}: row has {len(row)} symbols, the first row has "
                 f"{len(rows[0])}; all rows must be equally long (fill with '#')"
             )
-        for column, symbol in enumerate(row if row.strip("#.DH") else "", start=1):
-            if symbol not in "#.DH123456789":
+        for column, symbol in enumerate(row if row.strip("#.D") else "", start=1):
+            if symbol not in "#.D123456789":
                 what = f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}"
                 raise MapError(f"{what}; allowed: {SYMBOLS}")
             if symbol.isdigit() and symbol in seen:

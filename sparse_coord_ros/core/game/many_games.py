@@ -340,15 +340,6 @@ def clear_infos(games: Games, i: int, infos: Infos) -> None:
 
 
 @jitable
-def copy_infos(games: Games, i: int, infos: Infos, copied: Infos) -> None:
-    """Copy the infos of a step."""
-    copied.miscoordination[i] = infos.miscoordination[i]
-    for k in range(games.team):
-        for part in range(PARTS):
-            copied.reward_parts[i, k, part] = infos.reward_parts[i, k, part]
-
-
-@jitable
 def advance(games: Games, i: int, actions: Any, outcome: Outcome, infos: Infos) -> None:
     """Make a time step of a game, or half of one."""
     if not games.in_halves:
@@ -406,14 +397,7 @@ def begin_all(
 
 
 def step_all(
-    games: Games,
-    actions: Any,
-    shown: Observations,
-    outcome: Outcome,
-    infos: Infos,
-    final: Observations,
-    final_infos: Infos,
-    same_step: bool,
+    games: Games, actions: Any, shown: Observations, outcome: Outcome, infos: Infos
 ) -> None:
     """Make a time step of every game, or half of one; a game that has ended begins anew.
 
@@ -423,9 +407,6 @@ def step_all(
         shown: filled.
         outcome: filled.
         infos: filled.
-        final: with `same_step` filled for games that end.
-        final_infos: likewise.
-        same_step: whether a game that ends begins anew within the same call.
     """
     for i in range(len(games.step)):
         if games.ended[i]:
@@ -434,11 +415,6 @@ def step_all(
             clear_infos(games, i, infos)
         else:
             advance(games, i, actions, outcome, infos)
-        if same_step and games.ended[i]:
-            copy_infos(games, i, infos, final_infos)
-            observe(games, i, final, final_infos)
-            begin(games, i)
-            clear_infos(games, i, infos)
         observe(games, i, shown, infos)
 
 

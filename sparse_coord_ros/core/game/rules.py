@@ -100,7 +100,7 @@ def problem_of(scenario: Scenario, *, percepts: bool = True) -> Problem:
         goal_reward=scenario.goal_reward,
         ask_cost=scenario.ask_cost,
         discount=scenario.discount,
-        goal_total=scenario.goal_reward / (1.0 - scenario.discount),
+        goal_total=scenario.arrival_value,
     )
 
 

@@ -16,6 +16,7 @@ from sparse_coord_ros.base.errors import (
     ScenarioError,
     SettingError,
     did_you_mean,
+    in_short,
 )
 from sparse_coord_ros.base.files import path_argument, read_text
 from sparse_coord_ros.base.share import share_file, share_names
@@ -332,7 +333,7 @@ class Scenario:
         return self.changed(given)
 
     def changed(self, values: Mapping[str, object]) -> "Scenario":
-        """As `with_settings`, for values from a file: they do not allow imports."""
+        """Return a copy with some settings changed by a file: its values do not allow imports."""
         parsed = SETTINGS.parse(values)
         return replace(self, **parsed, given=self.given | set(parsed))
 
@@ -447,6 +448,26 @@ def loaded(scenario: ScenarioLike) -> Scenario:
     if isinstance(scenario, Scenario):
         return scenario
     return load_scenario(scenario)
+
+
+def refuse_unexpected(call: str, given: Mapping[str, object]) -> None:
+    """Refuse keyword arguments that a function with a scenario does not have.
+
+    Args:
+        call: the function's name.
+        given: the arguments.
+
+    Raises:
+        SettingError: there is one.
+    """
+    for name, value in given.items():
+        remedy = "many runs are made by train_many(scenario, runs=20, seed=0)"
+        if name in SETTINGS:
+            remedy = (
+                "a setting is given with the scenario: "
+                f"load_scenario(..., {name}={value!r})"
+            )
+        raise SettingError(f"{call} has no argument {in_short(name)}; {remedy}")
 
 
 def load_scenario(

@@ -14,7 +14,6 @@ alpha, and alpha is the step size of every learner.
 
 from typing import Any
 
-from sparse_coord_ros.base.compiling import jitable
 from sparse_coord_ros.core.learners.baselines import NonCoop
 from sparse_coord_ros.core.learners.rules import (
     Task,
@@ -38,21 +37,13 @@ class Hysteretic(NonCoop):
     @staticmethod
     def learn(mind: Any, task: Task, k: int, now: Transition, after: float) -> None:
         """Update Q*."""
-        hysteretic_update(mind, task, k, now, after, SHARE_OF_ALPHA)
-
-
-@jitable
-def hysteretic_update(
-    mind: Any, task: Task, k: int, now: Transition, after: float, share: float
-) -> None:
-    """Update Q*; `share` is beta / alpha, other arguments as in `learn`."""
-    values = mind.q_star[k, now.cell]
-    updates = mind.updates[k, now.cell]
-    count = int(updates[now.action]) + 1
-    updates[now.action] = count
-    target = reward_of(task, now) + task.discount * after
-    error = target - float(values[now.action])
-    alpha = step_size(task, count, now.step)
-    if error < 0.0:
-        alpha *= share
-    values[now.action] += alpha * error
+        values = mind.q_star[k, now.cell]
+        updates = mind.updates[k, now.cell]
+        count = int(updates[now.action]) + 1
+        updates[now.action] = count
+        target = reward_of(task, now) + task.discount * after
+        error = target - float(values[now.action])
+        alpha = step_size(task, count, now.step)
+        if error < 0.0:
+            alpha *= SHARE_OF_ALPHA
+        values[now.action] += alpha * error

@@ -36,7 +36,7 @@ def _learner(name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (
+for _shipped in (
     Coop(),
     NonCoop(),
     Indiv(),
@@ -45,14 +45,14 @@ for _own in (
     CQ(),
     Joint(),
 ):
-    LEARNERS.register(_own.label, _own)
+    LEARNERS.register(_shipped.label, _shipped)
 
 
 LearnerLike = str | Learner | type[Learner]
 
 
 def chosen_learner(learner: LearnerLike) -> Learner:
-    """As `learner_of`; naming a learner here allows its module to be imported."""
+    """Return a learner by its name; naming it here allows its module to be imported."""
     allow_named(learner)
     return learner_of(learner)
 

@@ -51,7 +51,7 @@ CELLS = 250_000
 
 OWN_CLOCK = "own"
 NO_CLOCK = "none"
-"""True if a run owns /clock."""
+"""Whether the world publishes /clock."""
 
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""

@@ -24,9 +24,9 @@ from sparse_coord_ros.lab.driving.body_simulator import (
     IN_DOORWAY,
     BodySimulator,
 )
-from sparse_coord_ros.lab.driving.driver import Driver
+from sparse_coord_ros.lab.driving.cmd_vel_driver import CmdVelDriver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.driving.steering import Limits, move_seconds
+from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds
 from sparse_coord_ros.protocol.lockstep.bodies import BodiesSide, BodyWorld, Goals
 
 _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
@@ -93,7 +93,10 @@ class DrivenTeam:
         metric_map = MetricMap(run, values["radius"])
         self.simulator = BodySimulator(metric_map, count, seed)
         limits = limits_of(values, metric_map.side)
-        self.drivers = [Driver(metric_map, limits, k) for k in range(count)]
+        self._command: Command | None = None
+        self.drivers = [
+            CmdVelDriver(metric_map, limits, k, self._note) for k in range(count)
+        ]
         self.moves = 0
         self.followed: int | None = None
         self.path: list[Moment] = []
@@ -119,7 +122,9 @@ class DrivenTeam:
         """Ask each driver once; return whether one of them did anything."""
         did = False
         for k, driver in enumerate(self.drivers):
-            command, reached = driver.next()
+            self._command = None
+            reached = driver.next(self.simulator.seconds)
+            command = self._command
             if reached is not None:
                 ticked = self.simulator.reached(k, reached.number)
                 self.bodies.reached(reached)
@@ -134,6 +139,9 @@ class DrivenTeam:
                     )
             did |= command is not None or reached is not None
         return did
+
+    def _note(self, command: Command) -> None:
+        self._command = command
 
     def _look(self) -> None:
         for body, driver in zip(self.simulator.bodies, self.drivers, strict=True):
@@ -244,14 +252,28 @@ def remedies(run: RunConfig, driven: Drive) -> list[str]:
             f"{radius / (0.5 - CLEAR):.2g} m or more."
         )
     if driven.in_doorways.any():
-        penalty = 2 * run.scenario.penalty
-        sentences.append(
-            "Bodies touched in doorways: let the team learn longer, or at a higher penalty, "
-            f"such as --set penalty={penalty:g}."
-        )
+        sentences.append(_remedy_in_doorways(run))
     if driven.elsewhere.any():
         sentences.append(_remedy_elsewhere(run))
     return sentences
+
+
+def _remedy_in_doorways(run: RunConfig) -> str:
+    """Return a sentence on bodies that touched in doorways."""
+    what = "Bodies touched in doorways"
+    kinds = run.scenario.kinds
+    if "together" in kinds:
+        return (
+            f"{what}: let the team learn longer, or at a higher penalty, such as --set "
+            f"penalty={2 * run.scenario.penalty:g}."
+        )
+    if "block" in kinds:
+        return f"{what}, which hold one robot each: take larger cells."
+    wanted = f"together+{run.scenario.interactions}"
+    return (
+        f"{what}, where robots may be together: let them learn with --set "
+        f"interactions={wanted}."
+    )
 
 
 def _remedy_elsewhere(run: RunConfig) -> str:

@@ -41,6 +41,7 @@ class FloorPlan:
         resolution: metres per pixel.
         origin: the pose of the image's lower left corner; its rows lie along the yaw.
         remarks: warnings about the pixels, one line each.
+        unturned: the plan of which this one is a turned copy; None: it is as it was read.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class FloorPlan:
     resolution: float
     origin: Pose
     remarks: tuple[str, ...] = ()
+    unturned: "FloorPlan | None" = None
 
     @property
     def name(self) -> str:
@@ -57,8 +59,17 @@ class FloorPlan:
 
     @cached_property
     def wall_direction(self) -> float | None:
-        """As `wall_direction`; found once."""
-        return wall_direction(self)
+        """The direction of most of its walls, in radians from -pi/4 to pi/4; None: there is none.
+
+        A turned copy has that of its plan: its own pixels show edges of the old image, too.
+        """
+        if self.unturned is None:
+            return _wall_direction(self)
+        direction = self.unturned.wall_direction
+        if direction is None:
+            return None
+        turn = self.origin.yaw - self.unturned.origin.yaw
+        return math.remainder(direction - turn, math.pi / 2)
 
 
 def turned(plan: FloorPlan, yaw: float) -> FloorPlan:
@@ -101,10 +112,12 @@ def turned(plan: FloorPlan, yaw: float) -> FloorPlan:
         corner.x * plan.resolution, corner.y * plan.resolution
     )
     origin = Pose(*corner_in_metres, math.remainder(plan.origin.yaw + yaw, math.tau))
-    return dataclasses.replace(plan, free=free, occupied=occupied, origin=origin)
+    return dataclasses.replace(
+        plan, free=free, occupied=occupied, origin=origin, unturned=plan
+    )
 
 
-def wall_direction(plan: FloorPlan) -> float | None:
+def _wall_direction(plan: FloorPlan) -> float | None:
     """Return the angle between the walls and the image's rows, in radians counterclockwise.
 
     It lies between -45 and 45 degrees. Seen along the walls, their pixels fall on few lines: the

@@ -61,6 +61,9 @@ TRUTHS |= dict.fromkeys(("n", "no", "false", "off"), False)
 UNKNOWN_GREY = 205
 """The grey that map_saver writes for unknown; Jazzy's own free_thresh of 0.25 makes it free."""
 
+UNKNOWN_BELOW = {"trinary": 0.196, "scale": 0.19}
+"""A free_thresh at which this grey is unknown; in the mode `raw` it always is."""
+
 OCTILE = ".map"
 """The end of the name of a map in MovingAI's format."""
 
@@ -307,12 +310,17 @@ def _remarks(pixels: _Pixels, free: np.ndarray, reading: _Reading) -> Iterator[s
     grey = free & (pixels.brightness == UNKNOWN_GREY * pixels.channels)
     doubtful = float(grey.sum()) / max(1, int(free.sum()))
     if doubtful >= LEAST_SHARE:
-        remedy = "set free_thresh to 0.196 in the YAML file"
-        if opacity is not None:
-            remedy += ", and save the image without opacity, which counts as brightness"
+        below = UNKNOWN_BELOW[reading.mode]
+        remedies = []
+        if reading.free_thresh > below:
+            remedies.append(f"set free_thresh to {below:g} in the YAML file")
+        if opacity is not None and reading.mode == "trinary":
+            remedies.append(
+                "save the image without opacity, which counts as brightness"
+            )
         yield (
             f"{percent(doubtful, whole=True)} of the free pixels have grey {UNKNOWN_GREY}, which "
-            f"map_saver writes for unknown: where they are unknown, {remedy}"
+            f"map_saver writes for unknown: where they are unknown, {', and '.join(remedies)}"
         )
 
 

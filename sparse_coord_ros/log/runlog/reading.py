@@ -22,7 +22,13 @@ from sparse_coord_ros.core.runs.saved_tables import tables_of, unpack_saved
 from sparse_coord_ros.log.bags.reader import Bag, Part, bag_files, not_superseded
 from sparse_coord_ros.log.runlog.decode import Decoder
 from sparse_coord_ros.log.runlog.difference import Difference, Finding, Undecided
-from sparse_coord_ros.log.runlog.log import NONE, RecordedTables, RunLog, Series
+from sparse_coord_ros.log.runlog.log import (
+    NONE,
+    RecordedTables,
+    RunLog,
+    Series,
+    learning_steps,
+)
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RunState, messages
 from sparse_coord_ros.protocol.wire.messages import (
@@ -162,7 +168,7 @@ class Reader:
 
     Args:
         bag: a bag that was not read yet.
-        found: its run.
+        bag_run: its run.
     """
 
     def __init__(self, bag: Bag, bag_run: BagRun) -> None:
@@ -429,6 +435,8 @@ def arrange(bag: Bag, run: RunConfig, ordered: Sorted) -> RunLog:
     peer = np.full(move.shape, NOBODY, dtype=np.int16)
     known = moved & (actions["peer"] >= 0) & (actions["peer"] <= len(robots))
     peer[known] = actions["peer"][known].astype(np.int16) - 1
+    episode = np.cumsum(np.diff(step, prepend=step[:1]) > 1)
+    made = learning_steps(int(step[-1]), int(episode[-1])) if len(step) else 0
     return RunLog(
         path=bag.path,
         files=tuple(file.path.name for file in bag.files),
@@ -436,13 +444,13 @@ def arrange(bag: Bag, run: RunConfig, ordered: Sorted) -> RunLog:
         run=run,
         frame=frame,
         names=run.scenario.names,
-        damage=bag.ends_early(f"time step {step.max(initial=0)}"),
+        damage=bag.ends_early(f"step {made}"),
         series=series,
         statuses=tuple(ordered.statuses),
         all_tables=tuple(ordered.tables),
         problems=tuple(problems),
         step=step,
-        episode=np.cumsum(np.diff(step, prepend=step[:1]) > 1),
+        episode=episode,
         position=position,
         cells=cell_numbers(frame, position),
         rewards=filled(wire.REWARD, "numbers", len(wire.REWARD.labels)),

@@ -53,12 +53,9 @@ class Restart(WorldAttempts):
         if self.silent:
             return self.silent
         self._begin()
-        world = self._side.world
         if self.order.checkpoint != BEGINNING:
-            self._logger.info(
-                f"continuing from a checkpoint: transition {world.transitions}, "
-                f"step {world.step}"
-            )
+            step = self._side.world.transitions
+            self._logger.info(f"continuing from the checkpoint of step {step}")
         return self.waiting
 
     def look(self, now: float, *, all_listen: Callable[[], bool]) -> None:
@@ -73,20 +70,20 @@ class Restart(WorldAttempts):
         self._side.start()
         self._changed()
 
-    def _on_progress(self, name: str, said: Progress) -> None:
+    def _on_progress(self, name: str, progress: Progress) -> None:
         """Read a node's report; a new process under way needs an order."""
-        self.hear(name, said)
+        self.hear(name, progress)
         under_way = self.order.attempt != NO_ATTEMPT and not self._side.finished
-        if under_way and said.attempt == NO_ATTEMPT:
+        if under_way and progress.attempt == NO_ATTEMPT:
             self._came_back(name)
         self._output.store.forget_before(self.oldest)
 
     def _came_back(self, name: str) -> None:
-        came = f"{name} came back at step {self._side.world.step}"
+        came = f"{name} came back at step {self._side.world.transitions}"
         self._begin()
-        step = self.order.checkpoint
+        step = self._side.world.transitions
         where = f"all nodes return to the checkpoint of step {step}"
-        if step == BEGINNING:
+        if self.order.checkpoint == BEGINNING:
             where = "the run begins anew, as there is no later checkpoint of all nodes"
         self._logger.warning(f"{came}: {where}")
 

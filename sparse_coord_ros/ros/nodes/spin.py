@@ -136,8 +136,8 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
         none = SignalHandlerOptions.NO
         rclpy.init(args=words, context=context, signal_handler_options=none)
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
-        said = errors.message_of(error)
-        what = OF_RCL.sub("", said.rpartition("failed to initialize rcl: ")[2])
+        problem = errors.message_of(error)
+        what = OF_RCL.sub("", problem.rpartition("failed to initialize rcl: ")[2])
         what = what.removeprefix("Failed to parse ROS arguments: ")
         raise errors.RunError(f"ROS: {what.rstrip(' .')}; {ARGUMENTS}") from None
     try:
@@ -232,7 +232,8 @@ def wait_for_readers(publishers: Iterable[Publisher]) -> None:
 def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
     """Publish on /rosout the error that ends a node, for users who do not see its terminal.
 
-    The text of an unexpected exception is its traceback.
+    The text of an unexpected exception is its traceback. `get_logger().fatal()` would print a
+    second line on the terminal, and nothing tells when the readers have what it publishes.
     """
     topic = ros_topics.ROSOUT
     publisher = node.create_publisher(topic.type, topic.name, ros_topics.LATCHED_QOS)

@@ -93,7 +93,7 @@ class WorldBodies:
         self._heard = now
         side.give_up()
         self._node.get_logger().warning(
-            f"step {self.game.step}: no report from the driver of {names} for {limit:g} s "
+            f"step {self.game.transitions}: no report from the driver of {names} for {limit:g} s "
             "(body_timeout): counted as not moved",
             throttle_duration_sec=5.0,
         )

@@ -210,13 +210,12 @@ class WorldSimulator(ParameterNode):
     def _on_step(self) -> tuple[bool, str]:
         """Pause, and make one time step if every robot has acted."""
         side = self.lockstep
-        step = side.world.step
         if self.state in OVER:
             return False, NOT_UNDER_WAY
         if self.state in UNDER_WAY and side.complete:
             self._happens(Event.STEP)
             self._say()
-            return True, f"paused after time step {step}"
+            return True, f"paused after {side.world.transitions} steps"
         self._happens(Event.PAUSE)
         self._say()
         if self.state not in UNDER_WAY:
@@ -259,8 +258,8 @@ class WorldSimulator(ParameterNode):
         """Offer the services and publish the run."""
         self.subscriber.leave(self._others)
         robots = [robot_file(Path(), name).name for name in self._names]
-        own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
-        self._output = Output(self, WORLD, self.run, own)
+        files = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
+        self._output = Output(self, WORLD, self.run, files)
         self.restart = Restart(self.run, self.lockstep, self._output, self._on_restart)
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)
@@ -361,7 +360,7 @@ class WorldSimulator(ParameterNode):
 
     def _wait_for_the_recorder(self, now: float) -> None:
         """Log that the world waits; continue without a recorder that is lost."""
-        step = self.lockstep.world.step
+        step = self.lockstep.world.transitions
         self.remind(self.reminder, f"{RECORDER} to write what came before step {step}")
         if self._silence.stands(now) >= self.lost_timeout:
             self.restart.do_without_recorder()
@@ -376,18 +375,19 @@ class WorldSimulator(ParameterNode):
         stands = self._silence.stands(now)
         missing = side.missing()
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
-        self.remind(self.reminder, f"{names} at step {side.world.step}")
+        at = f"step {side.world.transitions}"
+        self.remind(self.reminder, f"{names} at {at}")
         if self.lost_timeout <= stands:
             why = f"the world has waited for {stands:.0f} s for {names}"
             saved = "all is saved; start all nodes again"
             if not self.values["out"]:
                 saved = "parameter 'out' is empty: the run is not saved"
-            raise RunError(f"step {side.world.step}: {why}; {saved}")
+            raise RunError(f"{at}: {why}; {saved}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
         ):
             return
-        what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
+        what = f"{at}: {names} gone or silent for {silent:.1f} s"
         if self.values["lost_robot"] == END:
             raise RunError(
                 f"lost_robot: {what}; this world ends the run (parameter lost_robot)"
@@ -414,15 +414,20 @@ class WorldSimulator(ParameterNode):
         self._timed_rate = rate
 
     def _watch_the_rate(self, now: float) -> None:
-        """Say once which rate the world keeps, if it is clearly less than the wanted one."""
+        """Say once which rate the world keeps, if it is clearly less than the wanted one.
+
+        It does not judge while it waits for a silent robot, which is told by itself.
+        """
         wanted = self.values["rate"]
         rate, since, before = self._watched
         transitions = self.lockstep.world.transitions
-        if wanted != rate or self.state not in (State.RUNNING, State.RESTING):
+        runs = self.state in (State.RUNNING, State.RESTING)
+        silence = 0.0 if self.lockstep.complete else self._silence.lasts(now)
+        if wanted != rate or not runs or silence >= PROGRESS_SECONDS / 2:
             self._watched = (wanted, now, transitions)
             return
         seconds = now - since
-        if seconds < PROGRESS_SECONDS:
+        if seconds < PROGRESS_SECONDS or silence >= REPEAT_SECONDS:
             return
         self._watched = (wanted, now, transitions)
         made = transitions - before
@@ -461,7 +466,12 @@ class WorldSimulator(ParameterNode):
         wait_for_readers(self.publishers)
 
     def _write_outcome(self, out: Path) -> None:
-        write_whole(out / SUMMARY_FILE, to_yaml(self.summary()))
+        summary = self.summary()
+        if self.done and not self.run.greedy:
+            # The robots' tables may still be in their processes.
+            later = f"not computed yet; sparse_coord evaluate {out} adds it"
+            summary = {"result": later, **summary}
+        write_whole(out / SUMMARY_FILE, to_yaml(summary))
         self.lockstep.history.so_far.save(out)
 
     def _counts(self) -> dict[str, Any]:

@@ -138,12 +138,12 @@ TEAMS = {
     "coop": ("env1", {"perception": "probability:0.6", "steps": 300}, {}),
     "voi": (
         "env1",
-        {"perception": "probability:0.6", "steps": 300},
+        {"perception": "probability:0.6", "steps": 200},
         {"learner": "voi"},
     ),
     "three, peers seen": (
         "crowd-3r",
-        {"steps": 150, "peers_seen": "while_learning"},
+        {"steps": 100, "peers_seen": "while_learning"},
         {"learner": "voi"},
     ),
 }
@@ -226,13 +226,13 @@ def test_the_page_says_where_a_robot_waits_in_vain(record):
 def test_a_run_in_which_nobody_learns_has_its_rows_too(name, learner, record, tmp_path):
     values = {"learner": learner}
     seen = {"peers_seen": "while_learning"} if learner == "voi" else {}
-    tables = record(name, settings={"steps": 600, **seen}, values=values).bag
+    tables = record(name, settings={"steps": 300, **seen}, values=values).bag
     load = Player(tables)
     robots = range(len(load.source.run.scenario.robots))
     own = [load.source.log.so_far.tables_before(k).tables for k in robots]
     save_team(tmp_path, [one.memory for one in own])
     values |= {"greedy": True, "tables": str(tmp_path)}
-    recorded = record(name, settings={"steps": 200}, values=values)
+    recorded = record(name, settings={"steps": 100}, values=values)
     player = Player(recorded.bag)
     player.do(SEEK, 10**6)
     for _ in range(2):
@@ -509,7 +509,7 @@ def test_what_its_tables_do_not_confirm_is_told_as_what_happened(team, tables, w
 
 def test_of_a_larger_team_one_robot_is_told(record):
     """All robots that ask at once would fill the page."""
-    settings = {"steps": 600, "penalty": -100}
+    settings = {"steps": 300, "penalty": -100}
     bag = record("env2-4r", settings=settings, values={"learner": "voi"}).bag
     long_log = GrowingLog(bag)
     tables = [long_log.so_far.tables_before(k).tables for k in range(4)]

@@ -68,13 +68,14 @@ const TAKE = {
   },
 };
 
-// Any message may come first. Several parts of the page need two of them: the first of its type draws all parts.
+// Any message may come first. Several parts of the page need two of them: the first of its type draws all parts,
+// but begins no run anew: the cell that somebody points at stays.
 function take(message) {
   if (TAKE[message.type]) return TAKE[message.type](message);
   const first = !newest[message.type];
   newest[message.type] = message;
-  if (first) Object.keys(DRAW).forEach(mark);
-  else mark(message.type);
+  const parts = Object.keys(DRAW).filter((one) => first && one !== "run");
+  for (const one of [message.type, ...parts]) mark(one);
 }
 
 function hello({ control, scenarios, learners }) {

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Moves as goals of a navigation server (Nav2), as a state machine; poses check its reports.
+"""A driver whose moves are goals of a navigation server (Nav2); poses check the server's reports.
 
 Poses decide, not the server's results. After a result, the cell of the next pose counts, whether
-the server reports success or not. The navigator follows each sent goal until the server reports
+the server reports success or not. The driver follows each sent goal until the server reports
 its end; it cancels a goal that is no longer needed first.
 """
 
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from sparse_coord_ros.core.game.pose import Pose
+from sparse_coord_ros.lab.driving.driver import Driver, GoalState
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.driving.mover import GoalState, Mover
 from sparse_coord_ros.lab.driving.steering import distance
 from sparse_coord_ros.protocol.lockstep.bodies import GoalReport
 
@@ -70,7 +70,7 @@ class _Sent:
     cancelled: float | None = None
 
 
-class Navigator(Mover):
+class Nav2Driver(Driver):
     """Sends one robot's body from cell to cell by a navigation server, one goal a cell.
 
     All times `now` are seconds of one monotonic clock. Call `next` after each event, and from time
@@ -84,7 +84,6 @@ class Navigator(Mover):
         port: the connection to the server.
 
     Attributes:
-        held: whether driving is not allowed.
         counts: numbers of moves by their ends, and of goals given up by their reasons.
     """
 
@@ -103,23 +102,32 @@ class Navigator(Mover):
         self._sent: _Sent | None = None
         self._tickets = self._number = self._tries = 0
         self._taken = self._again = 0.0
-        self._blind = self.held = False
+        self._blind = False
         self._over: tuple[float, float] | None = (
             None  # since when, and the newest pose's stamp
         )
         self.counts: Counter[str] = Counter()
 
     @property
-    def clear(self) -> bool:
+    def stands(self) -> bool:
         """True if the server has no goal of this client, as far as is known."""
         return self._sent is None
 
     def sees(self, seconds: float, pose: Pose) -> None:
-        """As of `Mover`."""
+        """Note a pose: the body is in sight again."""
         super().sees(seconds, pose)
         self._blind = False
 
-    def give_up(self, now: float, kind: str, why: str, *, blind: bool = False) -> None:
+    def stop(self, now: float) -> None:
+        """Cancel the goal that the server has."""
+        self._leave(now)
+
+    def lose_sight(self, now: float) -> None:
+        """Cancel the goal; the move ends where the next pose is."""
+        self._blind = True
+        self.give_up(now, "poses lost", "")
+
+    def give_up(self, now: float, kind: str, why: str) -> None:
         """Cancel the current goal, and end the move at the body's current place.
 
         A body on its way to an episode's first cell is sent again.
@@ -127,15 +135,14 @@ class Navigator(Mover):
         Args:
             now: the time.
             kind: the kind of end that is counted.
-            why: the reason, for the log.
-            blind: the pose of the body is not known until the next one comes.
+            why: the reason, for the log; empty: the caller logs it.
         """
-        self._blind |= blind
         self._leave(now)
         if self._goal is None or self._over is not None:
             return
         self.counts[kind] += 1
-        self._port.say(why)
+        if why:
+            self._port.say(why)
         if self._goals.place:
             self._wait(now)
         else:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Base of the nodes that move a body: goals and poses in, reports out, a lifecycle.
+"""Base of both drivers' nodes: goals and poses in, reports out, a lifecycle, a timeout of poses.
 
 A body moves only while the world's `status` lets it: while the team is paused, or goes back to a
 checkpoint, its driver stops it, whatever its goals are. The driver's diagnostics say so.
@@ -20,10 +20,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.runs.run_config import RunConfig
+from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.driving.mover import Mover
 from sparse_coord_ros.lab.driving.transforms import yaw_of
-from sparse_coord_ros.protocol.lockstep.bodies import GoalReport, Goals
+from sparse_coord_ros.protocol.lockstep.bodies import Goals
 from sparse_coord_ros.protocol.wire import OVER, WORLD, RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
@@ -65,8 +65,10 @@ STANDING = (RunState.PAUSED, RunState.RESUMING, *OVER)
 DONE = TransitionCallbackReturn.SUCCESS
 
 
-class MoverNode(Follower, LifecycleNodeMixin):
-    """Moves the body of one robot while its lifecycle is active; subclasses define how.
+class DriverNode(Follower, LifecycleNodeMixin):
+    """Lets a `Driver` drive the body of one robot, while the world and the lifecycle allow it.
+
+    A subclass defines how the driver reaches the base.
 
     Args:
         name: the node's name unless the command line remaps it; empty: its `KIND`.
@@ -75,6 +77,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     Attributes:
         KIND: the executable, which names its table of parameters.
         robot: the robot's name.
+        driver: decides what the body does; None: no run has begun.
         on_duty: whether the node has all its inputs, and the world receives its reports.
         active: whether the lifecycle allows it to move the body.
         held: whether the world lets no body move; before its first status, too.
@@ -94,7 +97,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self.active = self.on_duty = False
         self.held = True
         self._stood = 0.0
-        self._mover: Mover | None = None
+        self.driver: Driver | None = None
         self._step = 0
         self._seen = 0.0
         self._stopped = self._leaving = False
@@ -103,25 +106,34 @@ class MoverNode(Follower, LifecycleNodeMixin):
         self.trigger_configure()
         self.trigger_activate()
 
-    def make(self, metric_map: MetricMap, number: int) -> Mover:
-        """Return the state machine that moves the body of a robot."""
-        raise NotImplementedError
-
-    def drive(self) -> None:
-        """Do the work that is due; called after goals and poses, while the node is active."""
+    def make(self, metric_map: MetricMap, number: int) -> Driver:
+        """Return the driver of a robot's body."""
         raise NotImplementedError
 
     def missing(self) -> str:
         """Return a text about a missing input of the node, other than poses, or an empty text."""
         raise NotImplementedError
 
-    def stop(self, why: str = "") -> None:
-        """Stop the body; `why`: its pose is not known."""
-        raise NotImplementedError
+    def drive(self) -> None:
+        """Let the driver do the work that is due, and report the end of its goal."""
+        if self.driver is None:
+            return
+        self.driver.held = not self.may_drive
+        reached = self.driver.next(self.now())
+        if reached is not None:
+            message = reached_message(self._messages, self._step, reached)
+            self._reached_publisher.publish(message)
 
-    def stands(self) -> bool:
-        """Return whether the body has been stopped."""
-        raise NotImplementedError
+    def stop(self) -> None:
+        """Stop the body."""
+        if self.driver is not None:
+            self.driver.stop(self.now())
+
+    def now(self) -> float:
+        """Return the time in seconds: simulated if the node follows /clock, else steady."""
+        if self.get_parameter("use_sim_time").value:
+            return self.get_clock().now().nanoseconds * 1e-9
+        return time.monotonic()
 
     def settled(self) -> bool:
         """Stop the body for good; return whether all confirmations of it have come."""
@@ -146,7 +158,7 @@ class MoverNode(Follower, LifecycleNodeMixin):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run: subscribe to goals and poses."""
         number = robot_number(run, self.robot, "give parameter robot one of them")
-        self._mover = self.make(MetricMap(run, self.values["radius"]), number)
+        self.driver = self.make(MetricMap(run, self.values["radius"]), number)
         self._messages = messages_of(run)
         self.subscriber.listen(
             ros_topics.BODY_GOALS,
@@ -193,25 +205,18 @@ class MoverNode(Follower, LifecycleNodeMixin):
         return seconds_of(message.header), Pose(pose.position.x, pose.position.y, yaw)
 
     def _see(self, seen: tuple[float, Pose] | None) -> None:
-        if seen is None or self._mover is None:
+        if seen is None or self.driver is None:
             return
         self._seen = time.monotonic()
         self._stopped = False
-        self._mover.sees(*seen)
-        if self.may_drive:
-            self.drive()
+        self.driver.sees(*seen)
+        self.drive()
 
     def _on_goals(self, goals: Goals) -> None:
         self._step = goals.step
-        if self._mover is not None:
-            self._mover.take(goals)
-            if self.may_drive:
-                self.drive()
-
-    def report_reached(self, reached: GoalReport) -> None:
-        """Publish how a goal ended."""
-        message = reached_message(self._messages, self._step, reached)
-        self._reached_publisher.publish(message)
+        if self.driver is not None:
+            self.driver.take(goals)
+            self.drive()
 
     def go_on(self, now: float) -> None:
         """Report for duty when all inputs are there; stop a body whose poses do not come."""
@@ -220,25 +225,30 @@ class MoverNode(Follower, LifecycleNodeMixin):
         if self.held and now - self._stood >= STAND_SECONDS:
             self._stood = now
             self.stop()
-        if not self.active or self._mover is None:
-            return
-        if not self.on_duty:
-            self._report_for_duty(self._mover)
-            return
+        if self.active and self.driver is not None:
+            if self.on_duty:
+                self._look_for_poses(self.driver, now)
+            else:
+                self._report_for_duty(self.driver)
+        self.drive()
+
+    def _look_for_poses(self, driver: Driver, now: float) -> None:
+        """Stop a body under way whose poses do not come."""
         limit = self.values["pose_timeout"]
-        if self._mover.busy and 0 < limit < now - self._seen and not self._stopped:
+        if driver.busy and 0 < limit < now - self._seen and not self._stopped:
             self._stopped = True
-            self.stop(
+            driver.lose_sight(self.now())
+            self.get_logger().warning(
                 f"no pose of {self.robot} for {limit:g} s (pose_timeout): it is stopped"
             )
 
-    def _report_for_duty(self, mover: Mover) -> None:
+    def _report_for_duty(self, driver: Driver) -> None:
         """Offer reports when all inputs are there, and drive when the world subscribes to them.
 
         The goal may be older than this node, and the body may be there already: a report without
         a subscriber would be lost, and the world would wait for it.
         """
-        missing = f"poses of {self.robot}" if mover.pose is None else self.missing()
+        missing = f"poses of {self.robot}" if driver.pose is None else self.missing()
         if missing:
             self.remind(self.reminder, missing)
             return
@@ -270,9 +280,9 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     # Pauses.
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Stop the body where the team is paused, and let it go on with the team."""
-        held = said.state in STANDING
+        held = status.state in STANDING
         if held == self.held:
             return
         self.held = held
@@ -288,10 +298,12 @@ class MoverNode(Follower, LifecycleNodeMixin):
         if not self.active:
             return "inactive"
         if self.held:
-            return "paused: stands" if self.stands() else "paused: is being stopped"
+            stands = self.driver is None or self.driver.stands
+            return "paused: stands" if stands else "paused: is being stopped"
         if not self.on_duty:
             return "waiting"
-        return "driving" if self._mover is not None and self._mover.busy else "standing"
+        busy = self.driver is not None and self.driver.busy
+        return "driving" if busy else "standing"
 
     def report(self) -> None:
         """Publish what the body does as diagnostics."""
@@ -299,8 +311,8 @@ class MoverNode(Follower, LifecycleNodeMixin):
 
     def _begin_again(self) -> None:
         """Drive if that is allowed again; the time limit of the move begins anew."""
-        if self._mover is not None and self.may_drive:
-            self._mover.begin_again()
+        if self.driver is not None and self.may_drive:
+            self.driver.begin_again()
             self.drive()
 
     # The lifecycle.

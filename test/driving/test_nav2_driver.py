@@ -5,16 +5,18 @@
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.driving.navigator import (
+from sparse_coord_ros.lab.driving.nav2_driver import (
     ANSWER_SECONDS,
     SETTLE_SECONDS,
     SILENCE_SECONDS,
-    Navigator,
+    Nav2Driver,
 )
 from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
@@ -30,14 +32,14 @@ SECONDS = 10.0
 class Server:
     """The port, and a clock: keeps what was asked for."""
 
-    def __init__(self):
+    def __init__(self, near=NEAR, seconds=SECONDS):
         self.sent = []
         self.cancelled = []
         self.said = []
         self.all = 0
         self.there = True
         self.now = 100.0
-        self.navigator = Navigator(GROUND, NEAR, SECONDS, 0, self)
+        self.driver = Nav2Driver(GROUND, near, seconds, 0, self)
 
     def send(self, ticket, target):
         if self.there:
@@ -54,15 +56,15 @@ class Server:
         self.said.append(text)
 
     def go(self, number=1, *, place=False, start=START, end=END):
-        self.navigator.take(Goals(number, 5, place, -9.0, (BodyGoal(0, start, end),)))
-        return self.navigator.next(self.now)
+        self.driver.take(Goals(number, 5, place, -9.0, (BodyGoal(0, start, end),)))
+        return self.driver.next(self.now)
 
     def pose(self, cell, dx=0.0, *, later=0.1, stamp=None):
         """Time passes, and a pose comes."""
         self.now += later
         x, y = GROUND.place(0, cell)
-        self.navigator.sees(self.now if stamp is None else stamp, Pose(x + dx, y, 0.0))
-        return self.navigator.next(self.now)
+        self.driver.sees(self.now if stamp is None else stamp, Pose(x + dx, y, 0.0))
+        return self.driver.next(self.now)
 
     def wait(self, seconds, *, feedback=False):
         """Time passes in ticks; return what was reported in it."""
@@ -70,20 +72,20 @@ class Server:
         for _ in range(round(seconds / 0.1)):
             self.now += 0.1
             if feedback and self.sent:
-                self.navigator.feedback(self.sent[-1][0], 0.5, self.now)
-            found = self.navigator.next(self.now) or found
+                self.driver.feedback(self.sent[-1][0], 0.5, self.now)
+            found = self.driver.next(self.now) or found
         return found
 
     def tell(self, event, *more):
         """The server says something of the newest goal."""
         ticket = self.sent[-1][0]
         if event == "ended":
-            self.navigator.ended(ticket, self.now, *more)
+            self.driver.ended(ticket, self.now, *more)
         elif event == "feedback":
-            self.navigator.feedback(ticket, *more, self.now)
+            self.driver.feedback(ticket, *more, self.now)
         else:
-            getattr(self.navigator, event)(ticket, self.now)
-        return self.navigator.next(self.now)
+            getattr(self.driver, event)(ticket, self.now)
+        return self.driver.next(self.now)
 
 
 @pytest.fixture
@@ -106,9 +108,9 @@ def test_one_goal_a_cell_with_its_yaw_along_the_travel(server):
 def test_an_arrival_in_a_newer_pose_is_reported_before_the_result(server):
     reached = server.pose(END, 0.05)
     assert (reached.cell, reached.there, reached.number) == (END, True, 1)
-    assert server.cancelled == [1] and not server.navigator.busy
+    assert server.cancelled == [1] and not server.driver.busy
     server.tell("ended", "canceled", "")
-    assert server.navigator.clear
+    assert server.driver.stands
 
 
 def test_the_next_goal_waits_until_the_last_one_is_over(server):
@@ -158,7 +160,7 @@ def test_an_abort_is_said_and_learned_as_stayed(server):
     assert (reached.cell, reached.there) == (START, False)
     assert (
         server.said == ["Nav2 aborted: code 105"]
-        and server.navigator.counts["aborted"] == 1
+        and server.driver.counts["aborted"] == 1
     )
 
 
@@ -178,7 +180,7 @@ def test_a_rejected_goal_is_sent_again_with_backoff_until_time_is_over():
     gaps = [b - a for a, b in zip(times, times[1:-1], strict=False)]
     assert gaps == sorted(gaps) and gaps[0] < 0.5 and len(gaps) >= 4
     assert server.now - times[0] == pytest.approx(SECONDS, abs=0.3)
-    assert reached.cell == START and not reached.there and server.navigator.clear
+    assert reached.cell == START and not reached.there and server.driver.stands
 
 
 def test_a_server_that_is_not_there_is_asked_again():
@@ -200,7 +202,7 @@ def test_a_late_acceptance_is_cancelled_not_lost():
     assert server.all == 1
     server.wait(1.0)
     assert [ticket for ticket, _ in server.sent] == [1, 2]
-    server.navigator.accepted(1, server.now)
+    server.driver.accepted(1, server.now)
     assert server.cancelled == [1]
     server.tell("accepted")
     assert server.cancelled == [1] and server.pose(END).there
@@ -230,7 +232,7 @@ def test_a_killed_server_costs_a_bounded_time(server):
     while found is None:
         assert server.now - begin < SILENCE_SECONDS + ANSWER_SECONDS + 0.5
         found = server.pose(START)
-    assert found.cell == START and server.navigator.clear
+    assert found.cell == START and server.driver.stands
 
 
 def test_a_detour_is_given_up(server):
@@ -243,7 +245,7 @@ def test_a_detour_is_given_up(server):
 
 
 def test_lost_poses_end_the_move_where_the_body_is_seen_again(server):
-    server.navigator.give_up(server.now, "blind", "no pose", blind=True)
+    server.driver.lose_sight(server.now)
     assert server.cancelled == [1]
     server.tell("ended", "canceled", "")
     assert server.wait(20.0) is None and len(server.sent) == 1
@@ -283,25 +285,25 @@ def test_to_its_first_cell_a_body_is_brought_however_long_it_takes():
     assert server.wait(60.0, feedback=True) is None
     reached = server.pose(START, 0.2)
     assert reached.there and reached.cell == START and server.cancelled == [3]
-    assert server.navigator.counts["out of time"] == 0
+    assert server.driver.counts["out of time"] == 0
 
 
 def test_held_it_cancels_and_sends_nothing(server):
-    server.navigator.held = True
+    server.driver.held = True
     server.pose(START)
     assert server.cancelled == [1]
     server.tell("ended", "canceled", "")
     server.pose(START)
-    assert len(server.sent) == 1 and server.navigator.clear and server.navigator.busy
-    server.navigator.held = False
+    assert len(server.sent) == 1 and server.driver.stands and server.driver.busy
+    server.driver.held = False
     server.pose(START)
     assert len(server.sent) == 2
 
 
 def test_what_is_said_of_old_goals_is_ignored(server):
-    server.navigator.rejected(99, server.now)
-    server.navigator.ended(99, server.now, "aborted", "x")
-    server.navigator.feedback(99, 50.0, server.now)
+    server.driver.rejected(99, server.now)
+    server.driver.ended(99, server.now, "aborted", "x")
+    server.driver.feedback(99, 50.0, server.now)
     assert server.pose(START) is None and not server.said and not server.cancelled
 
 
@@ -315,7 +317,7 @@ def test_a_pose_of_before_the_goal_is_no_reason_to_drive():
     server = Server()
     server.pose(START, stamp=50.0)
     bodies = (BodyGoal(0, START, END),)
-    server.navigator.take(Goals(1, 5, False, 50.0, bodies))
+    server.driver.take(Goals(1, 5, False, 50.0, bodies))
     assert server.wait(SETTLE_SECONDS - 0.2) is None and not server.sent
     server.wait(0.4)
     assert len(server.sent) == 1
@@ -336,11 +338,35 @@ def test_each_goal_is_sent_again_as_soon_as_the_one_before_was():
 
 
 def test_while_it_is_held_the_time_of_a_move_does_not_pass(server):
-    server.navigator.held = True
+    server.driver.held = True
     server.pose(START)
     server.tell("ended", "canceled", "")
     assert server.wait(3 * SECONDS) is None
-    server.navigator.held = False
+    server.driver.held = False
     server.pose(START)
     server.wait(1.5)
     assert not server.said and len(server.sent) == 2
+
+
+@settings(max_examples=5)
+@given(near=st.floats(0.02, 0.4))
+def test_a_body_within_near_has_arrived(near):
+    made = Server(near=near)
+    made.pose(START)
+    made.go()
+    made.tell("accepted")
+    assert made.pose(END, near * 1.01) is None
+    assert made.pose(END, near * 0.99).there
+
+
+@settings(max_examples=5)
+@given(seconds=st.floats(1.0, 30.0))
+def test_a_move_lasts_so_many_seconds(seconds):
+    made = Server(seconds=seconds)
+    made.pose(START)
+    made.go()
+    made.tell("accepted")
+    made.wait(seconds - 0.2, feedback=True)
+    assert not made.cancelled
+    made.wait(0.4, feedback=True)
+    assert made.cancelled and "step_seconds" in made.said[0]

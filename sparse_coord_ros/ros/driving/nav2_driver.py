@@ -23,8 +23,8 @@ from rclpy.task import Future
 from sparse_coord_ros.base.errors import needed
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.driving.navigator import ANSWER_SECONDS, Navigator
-from sparse_coord_ros.ros.nodes.mover import MoverNode
+from sparse_coord_ros.lab.driving.nav2_driver import ANSWER_SECONDS, Nav2Driver
+from sparse_coord_ros.ros.driving.driver_node import DriverNode
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.ros.nodes.transforms import pose_message
 
@@ -44,18 +44,15 @@ WARNING_SECONDS = 10.0
 """Between two warnings of a second server that appeared later."""
 
 
-class Nav2DriverNode(MoverNode):
-    """Sends the body of one robot from cell to cell by Nav2; the port of `Navigator`.
-
-    Attributes:
-        navigator: decides on goals, once a run has begun.
+class Nav2DriverNode(DriverNode):
+    """Sends the body of one robot from cell to cell by Nav2; the port of `Nav2Driver`.
 
     Raises:
-        SparseCoordError: as of `MoverNode`; nav2_msgs is not installed.
+        SparseCoordError: as of `DriverNode`; nav2_msgs is not installed.
     """
 
     KIND = "nav2_driver"
-    navigator: Navigator
+    driver: Nav2Driver
 
     def set_up(self) -> None:
         """Also import Nav2's messages, and create the client of its action."""
@@ -77,24 +74,10 @@ class Nav2DriverNode(MoverNode):
         self._cleared: tuple[float, Future] | None = None
         self._ending: tuple[float, Future] | None = None
 
-    def make(self, metric_map: MetricMap, number: int) -> Navigator:
-        """Return the state machine that decides on goals."""
+    def make(self, metric_map: MetricMap, number: int) -> Nav2Driver:
+        """Return a driver whose goals this node sends."""
         near = self.values["near"] * metric_map.side
-        seconds = self.values["step_seconds"]
-        self.navigator = Navigator(metric_map, near, seconds, number, self)
-        return self.navigator
-
-    def drive(self) -> None:
-        """Let the navigator do the due work, and report when the goal is over."""
-        self.navigator.held = not self.may_drive
-        reached = self.navigator.next(self._now())
-        if reached is not None:
-            self.report_reached(reached)
-
-    def go_on(self, now: float) -> None:
-        """Also check whether Nav2 still answers."""
-        super().go_on(now)
-        self.drive()
+        return Nav2Driver(metric_map, near, self.values["step_seconds"], number, self)
 
     def report(self) -> None:
         """Also warn if Nav2's action has a second server by now."""
@@ -141,45 +124,28 @@ class Nav2DriverNode(MoverNode):
         waits = not answer.done() and now - since < ANSWER_SECONDS
         return "Nav2 to end earlier goals" if waits else ""
 
-    def stop(self, why: str = "") -> None:
-        """Cancel the current goal."""
-        if self._mover is not None:
-            if why:
-                self.navigator.give_up(self._now(), "poses lost", why, blind=True)
-            self.drive()
-
-    def stands(self) -> bool:
-        """Return whether Nav2 has confirmed that the goal is over."""
-        return self._mover is None or self.navigator.clear
-
     def settled(self) -> bool:
         """Cancel Nav2's goals; return whether it has confirmed the end, or time is up."""
         super().settled()
-        if self._mover is None:
+        if self.driver is None:
             return True
         if self._ending is None:
             self._ending = time.monotonic(), self.cancel_all()
         since, answer = self._ending
-        answered = self.navigator.clear and answer.done()
+        answered = self.driver.stands and answer.done()
         return answered or time.monotonic() - since >= ANSWER_SECONDS
 
     def finish(self, *, interrupted: bool) -> None:
         """Log the counts of the moves, and whether the body may still drive."""
         self.settled()
-        if self._mover is not None:
-            if not self.navigator.clear:
+        if self.driver is not None:
+            if not self.driver.stands:
                 self.say(
                     "Nav2 did not confirm the end of its last goal: the body may still drive"
                 )
-            counts = sorted(self.navigator.counts.items())
-            said = ", ".join(f"{kind} {number}" for kind, number in counts)
-            self.get_logger().info(f"moves: {said or 'none'}")
-
-    def _now(self) -> float:
-        """Return the time: simulated if the node follows /clock, else steady."""
-        if self.get_parameter("use_sim_time").value:
-            return self.get_clock().now().nanoseconds * 1e-9
-        return time.monotonic()
+            counts = sorted(self.driver.counts.items())
+            moves = ", ".join(f"{kind} {number}" for kind, number in counts)
+            self.get_logger().info(f"moves: {moves or 'none'}")
 
     # The port.
 
@@ -219,25 +185,23 @@ class Nav2DriverNode(MoverNode):
             self._handles[ticket] = handle
             ended = self.guarded(functools.partial(self._on_result, ticket))
             handle.get_result_async().add_done_callback(ended)
-            self.navigator.accepted(ticket, self._now())
+            self.driver.accepted(ticket, self.now())
         else:
-            self.navigator.rejected(ticket, self._now())
+            self.driver.rejected(ticket, self.now())
         self.drive()
 
     def _on_feedback(self, ticket: int, message: Any) -> None:
-        self.navigator.feedback(
-            ticket, message.feedback.distance_remaining, self._now()
-        )
+        self.driver.feedback(ticket, message.feedback.distance_remaining, self.now())
 
     def _on_result(self, ticket: int, answer: Future) -> None:
-        said = answer.result()
+        outcome = answer.result()
         self._handles.pop(ticket, None)
         kind = why = ""
-        if said.status != GoalStatus.STATUS_SUCCEEDED:
-            kind = ENDINGS.get(said.status, "forgotten")
-            text = f" {said.result.error_msg}" if said.result.error_msg else ""
-            why = f"Nav2's goal: {kind}, error code {said.result.error_code}{text}"
-        self.navigator.ended(ticket, self._now(), kind, why)
+        if outcome.status != GoalStatus.STATUS_SUCCEEDED:
+            kind = ENDINGS.get(outcome.status, "forgotten")
+            text = f" {outcome.result.error_msg}" if outcome.result.error_msg else ""
+            why = f"Nav2's goal: {kind}, error code {outcome.result.error_code}{text}"
+        self.driver.ended(ticket, self.now(), kind, why)
         self.drive()
 
 
