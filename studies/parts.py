@@ -212,10 +212,10 @@ def main() -> None:
                     whole[column] = returns
                     share, error = share_of(returns - low, gaps)
                     teams = len(returns) * (options.runs or runs)
-                    said = f"{percent(share)} ({100 * error:.1f}), {failed} of {teams}"
+                    said = f"{percent(share)} ({100 * error:.1f}); {failed} of {teams}"
                 else:
                     lost, error = share_of(returns - whole[column], gaps)
-                    said = f"{100 * lost:+.1f} ({100 * error:.1f}), {failed}"
+                    said = f"{100 * lost:+.1f} ({100 * error:.1f}); {failed}"
                 cells.append(said)
             print("| " + " | ".join(cells) + " |", flush=True)
 
