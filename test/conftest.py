@@ -18,6 +18,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from itertools import groupby
 
 import pytest
 from domains import ros_domain
@@ -155,6 +156,21 @@ def python():
 def make():
     """Return a maker of scenarios: `teams.drawn`."""
     return drawn
+
+
+def pytest_collection_modifyitems(config, items):
+    """Let pytest-xdist hand out files of nodes, which wait, in turn with those that compute."""
+    if not hasattr(config, "workerinput"):
+        return
+    files = [list(group) for _, group in groupby(items, key=lambda item: item.path)]
+    waiting = [file for file in files if file[0].path.parent.name == "nodes"]
+    computing = [file for file in files if file not in waiting]
+    each = len(computing) // max(1, len(waiting)) + 1
+    items.clear()
+    while waiting or computing:
+        for file in waiting[:1] + computing[:each]:
+            items += file
+        del waiting[:1], computing[:each]
 
 
 def pytest_collection_finish():

@@ -5,6 +5,8 @@
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -30,14 +32,14 @@ SECONDS = 10.0
 class Server:
     """The port, and a clock: keeps what was asked for."""
 
-    def __init__(self):
+    def __init__(self, near=NEAR, seconds=SECONDS):
         self.sent = []
         self.cancelled = []
         self.said = []
         self.all = 0
         self.there = True
         self.now = 100.0
-        self.driver = Nav2Driver(GROUND, NEAR, SECONDS, 0, self)
+        self.driver = Nav2Driver(GROUND, near, seconds, 0, self)
 
     def send(self, ticket, target):
         if self.there:
@@ -344,3 +346,27 @@ def test_while_it_is_held_the_time_of_a_move_does_not_pass(server):
     server.pose(START)
     server.wait(1.5)
     assert not server.said and len(server.sent) == 2
+
+
+@settings(max_examples=5)
+@given(near=st.floats(0.02, 0.4))
+def test_a_body_within_near_has_arrived(near):
+    made = Server(near=near)
+    made.pose(START)
+    made.go()
+    made.tell("accepted")
+    assert made.pose(END, near * 1.01) is None
+    assert made.pose(END, near * 0.99).there
+
+
+@settings(max_examples=5)
+@given(seconds=st.floats(1.0, 30.0))
+def test_a_move_lasts_so_many_seconds(seconds):
+    made = Server(seconds=seconds)
+    made.pose(START)
+    made.go()
+    made.tell("accepted")
+    made.wait(seconds - 0.2, feedback=True)
+    assert not made.cancelled
+    made.wait(0.4, feedback=True)
+    assert made.cancelled and "step_seconds" in made.said[0]

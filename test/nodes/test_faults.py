@@ -78,7 +78,7 @@ def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(
 
     bench.spin_until(reminded, "it waits")
     text = "".join(said)
-    step = world.lockstep.world.step
+    step = world.lockstep.world.transitions
     assert re.search(
         rf"waiting for robot_1, robot_2 at step {step} \([1-9]\d* s\)", text
     )

@@ -7,6 +7,7 @@
 
 import importlib.util
 import json
+import random
 import re
 import sys
 from pathlib import Path
@@ -295,6 +296,74 @@ def test_the_arguments_show_their_real_defaults(shown):
         names = learner.partition(", or one of your own")[0].split(", ")
         assert {"coop", "noncoop", "voi"} <= set(names)
         assert "indiv" not in names, "it cannot run live"
+
+
+def numbers(low, high):
+    """Return legal texts of a number, each with its value."""
+    drawn = random.Random(f"{low} {high}")
+    return [
+        (repr(number), number)
+        for number in (drawn.uniform(low, high) for _ in range(3))
+    ]
+
+
+def texts(*words):
+    return [(word, word) for word in words]
+
+
+BOTH = [("true", True), ("false", False)]
+ARGUMENTS = {
+    "scenario": texts("env1", "env2-4r", "aisle"),
+    "seed": [("0", 0), ("17", 17), (str(2**63 - 1), 2**63 - 1)],
+    "learner": texts("coop", "noncoop", "voi"),
+    "tables": texts("before"),
+    "rate": numbers(0.01, 1000),
+    "clock": texts("own", "none"),
+    "epsilon": texts("constant:0.25", "linear:1,0,500"),
+    "checkpoint": [("0", 0), ("250", 250)],
+    "pose_type": texts("pose", "pose_with_covariance", "odometry", "tf"),
+    "base_frame": texts("base_footprint"),
+    "map_frame": texts("floor"),
+    "bag": texts("runs/a/bag"),
+    "position": numbers(0, 100),
+    "near": numbers(0.01, 0.4),
+    "step_seconds": numbers(0.1, 100),
+    "radius": numbers(0, 0.4),
+    **dict.fromkeys(("speed", "turn", "body_rate"), numbers(0.01, 100)),
+    **dict.fromkeys(("body_timeout", "pose_timeout"), numbers(0, 100)),
+    **dict.fromkeys(("greedy", "slips", "use_sim_time", "loop", "wait"), BOTH),
+    "start_paused": BOTH,
+}
+"""Legal values of the arguments that are parameters of nodes, which test_parameter_effects.py
+tests."""
+
+OTHERS = {
+    "set": "test_what_is_given_wins_over_the_file_also_where_it_is_the_default",
+    "params_file": "test_what_is_given_wins_over_the_file_also_where_it_is_the_default",
+    "out": "test_a_world_robots_and_a_recorder",
+    "record": "test_a_world_robots_and_a_recorder",
+    "namespace": "test_the_clock_follows_the_namespace_or_is_left_to_others",
+    "allow": "test_it_allows_what_its_arguments_name",
+    "rviz": "test_rviz_is_opened_for_the_team_at_hand",
+    "foxglove": "test_foxglove_gets_a_layout_of_the_team_at_hand",
+    "robots": "test_a_lab_has_drivers_for_the_namespaces_of_its_robots",
+}
+"""The other arguments, and the test of each one's effect."""
+
+
+@pytest.mark.parametrize("file", ["team", "bodies", "lab", "practice", "replay"])
+def test_each_argument_reaches_the_nodes_of_its_parameter(nodes, shown, tmp_path, file):
+    assert all(callable(globals()[test]) for test in OTHERS.values())
+    given = {"bag": "bag"} if file == "replay" else {"scenario": "env1"}
+    if "out" in shown(file):
+        given["out"] = str(tmp_path / "run")
+    for name in shown(file).keys() - OTHERS:
+        for text, value in ARGUMENTS[name]:
+            found = nodes(file, **{**given, name: text})
+            told = [values(node)[name] for node in found if name in values(node)]
+            if (file, name) == ("practice", "scenario"):
+                told = [value]  # test_practice_puts_a_base_at_each_start
+            assert told and set(told) == {value}, (name, text)
 
 
 def test_practice_puts_a_base_at_each_start(nodes):

@@ -124,7 +124,7 @@ def moved(world, count):
 
 @pytest.mark.parametrize(
     ("scenario", "names", "steps"),
-    [("env1", ROBOTS, 40), ("env2-4r", tuple(f"robot_{k}" for k in (1, 2, 3, 4)), 20)],
+    [("env1", ROBOTS, 20), ("env2-4r", tuple(f"robot_{k}" for k in (1, 2, 3, 4)), 20)],
 )
 def test_a_team_that_nav2_drives_learns_what_the_grid_teaches(
     start_team,
@@ -178,7 +178,7 @@ class Together:
 
 @pytest.mark.parametrize(
     ("name", "training", "driving"),
-    [("env1", ["penalty=-100", "steps=100000"], 400), ("office", [], 250)],
+    [("env1", ["penalty=-100", "steps=100000"], 100), ("office", [], 80)],
 )
 def test_what_was_learned_in_simulation_nav2_drives(
     start_team, bench, tmp_path, capfd, late_answers, name, training, driving

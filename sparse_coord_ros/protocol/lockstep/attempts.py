@@ -5,6 +5,9 @@
 All nodes know one thing: "begin at checkpoint s". The world orders it at the run's start, where s
 is 0, and whenever a process has come in place of another one: s is the newest checkpoint that all
 nodes have. Who gets an order forgets all that came after that checkpoint.
+
+So a robot that dies between its action and the reward loses nothing: the world leaves it out
+(`WorldSide.expire`), and when it comes again all make that step again, with the same draws.
 """
 
 import math

@@ -1,6 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages between world and drivers: goals of bodies, and how they ended."""
+"""The messages between world and drivers: goals of bodies, and how they ended.
+
+They are numbers with names, not PoseStamped: drivers answer a goal by its number, and all goals of
+a moment come at once, as the simulator of bodies waits for just those robots.
+"""
 
 import math
 from collections.abc import Mapping

@@ -218,7 +218,8 @@ class ParameterNode(Node):
         self.add_on_set_parameters_callback(self._check_change)
 
     def destroy_node(self) -> None:
-        """As `Node`'s, after closing `at_end`."""
+        """As `Node`'s, after closing `at_end`; its executor may still call it once."""
+        self.done = True
         self.at_end.close()
         super().destroy_node()
 

@@ -471,7 +471,7 @@ class Recorder(Follower):
         """Stop; or, if only the bag is broken, record no more: the run continues without."""
         if self.recording is None or not isinstance(error, BagError):
             super().fail(error)
-        elif self.error is None:
+        elif self.error is None and not self.done:
             self.error = error
             self.part = self
             if self.direct is not None:

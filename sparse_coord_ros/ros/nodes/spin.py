@@ -232,7 +232,8 @@ def wait_for_readers(publishers: Iterable[Publisher]) -> None:
 def say_on_rosout(node: Node, error: errors.SparseCoordError) -> None:
     """Publish on /rosout the error that ends a node, for users who do not see its terminal.
 
-    The text of an unexpected exception is its traceback.
+    The text of an unexpected exception is its traceback. `get_logger().fatal()` would print a
+    second line on the terminal, and nothing tells when the readers have what it publishes.
     """
     topic = ros_topics.ROSOUT
     publisher = node.create_publisher(topic.type, topic.name, ros_topics.LATCHED_QOS)
