@@ -297,8 +297,8 @@ class EpisodePictures:
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
         x, y = 0.45 * positions[ask.asker] + 0.55 * positions[peer]
         if len(ask.peers) > 1:
-            x = x + 0.38
-            y = y - 0.38
+            x = x + 0.28
+            y = y - 0.28
         along = positions[peer] - positions[ask.asker]
         length = float(np.hypot(*along))
         if length > 0.0:

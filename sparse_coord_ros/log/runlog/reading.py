@@ -193,7 +193,7 @@ class Reader:
     ) -> Read:
         """Return all messages so far; raises BagError; `progress`: as in `read_run`."""
         files = self._bag.files
-        size = sum(file.path.stat().st_size for file in files)
+        size = sum(file.path.stat().st_size for file in files if file.path.exists())
         for part in self._bag.read():
             self._take(part)
             progress(sum(file.read_to for file in files) // 1000, size // 1000)

@@ -345,7 +345,7 @@ class BagSource(controls.Played):
         what = f"No {KIND_NAMES[kind]}"
         if kind != controls.CROSSING:
             what = f"{what} after this step"
-        read = self._counts.read_to / max(1, self.log.last_step)
+        read = max(0, self._counts.read_to) / max(1, self.log.last_step)
         if read < 1.0:
             what = f"{what}; {percent(read, whole=True)} of the log are read so far"
         self._say(f"{what}.")
