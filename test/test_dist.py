@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from live_teams import same_tables
 
 from sparse_coord_ros.base.version import FORMAT, __version__
 from sparse_coord_ros.core.game.scenario import scenario_names
@@ -149,6 +150,7 @@ def test_the_wheel_in_an_empty_environment(version, wheel, tmp_path, own_domain)
     assert output(command, "--version").split()[1] == __version__
     for line in VERBS.splitlines():
         output(command, *line.split())
+    assert same_tables(tmp_path / "run") and same_tables(tmp_path / "trained")
     watch = [command, "watch", "run", "--port", "0"]
     with subprocess.Popen(
         watch, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
