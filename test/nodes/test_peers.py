@@ -3,7 +3,6 @@
 """A question to a peer: silent, behind; without middleware."""
 
 import pytest
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
 from sparse_coord_ros.core.game.scenario import load_scenario
@@ -12,6 +11,8 @@ from sparse_coord_ros.protocol.lockstep.robot_side import Answer
 from sparse_coord_ros.ros.nodes import peers
 from sparse_coord_ros.ros.nodes.messages import cell_path, messages_of
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS, Peer, Peers
+
+MESSAGES = messages_of(make_run(load_scenario("env1"), {}))
 
 
 class Future:
@@ -94,22 +95,26 @@ def node():
     return Node()
 
 
+def peer_of(node, answered=lambda step, plan: None):
+    return Peer(node, node, MESSAGES, answered)
+
+
 def test_a_peer_that_gave_up_is_asked_but_not_waited_for(node):
     heard = []
-    peer = Peer(node, node, lambda step, plan: heard.append(step))
-    assert peer.request(PoseStamped(), 1) is True
+    peer = peer_of(node, lambda step, plan: heard.append(step))
+    assert peer.request(1, 3) is True
     peer.gave_up()
-    assert peer.request(PoseStamped(), 2) is False
+    assert peer.request(2, 3) is False
     assert len(node.sent) == 2, "so that its return is noticed"
     node.sent[1].come()
     assert heard == [2]
-    assert peer.request(PoseStamped(), 3) is True
+    assert peer.request(3, 3) is True
 
 
 def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
-    peer = Peer(node, node, lambda step, plan: None)
+    peer = peer_of(node)
     node.service_is_ready = lambda: False
-    peer.request(PoseStamped(), 1)
+    peer.request(1, 3)
     peer.gave_up()
     node.service_is_ready = lambda: True
     peer.send_what_waits()
@@ -120,8 +125,8 @@ def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkey
     """It has come, but its callback waits behind the timer that would repeat the request."""
     monkeypatch.setattr(peers, "REPEAT_ASK_SECONDS", 0.0)
     heard = []
-    peer = Peer(node, node, lambda step, plan: heard.append(step))
-    peer.request(PoseStamped(), 7)
+    peer = peer_of(node, lambda step, plan: heard.append(step))
+    peer.request(7, 3)
     peer.send_what_waits()
     assert len(node.sent) == 2, "nothing has come"
     node.sent[1].answer = GetPlan.Response()
@@ -165,8 +170,7 @@ def asked(node, side):
 
 def plan(step, *cells):
     """Return an answer: a peer is in these cells at a step."""
-    messages = messages_of(make_run(load_scenario("env1"), {}))
-    return GetPlan.Response(plan=cell_path(messages, step, cells))
+    return GetPlan.Response(plan=cell_path(MESSAGES, step, cells))
 
 
 def test_an_answer_that_does_not_fit_is_dropped_and_counted(node, side, asked):
@@ -208,13 +212,13 @@ def test_a_late_reward_is_no_peer_s_fault(node, side, asked):
 
 
 def test_a_peer_is_asked_at_once_at_every_step_though_not_for_ever_at_one(node):
-    peer = Peer(node, node, lambda step, plan: None)
+    peer = peer_of(node)
     for step in range(1, 2 * IMMEDIATE_REPEATS):
-        peer.request(PoseStamped(), step)
+        peer.request(step, 3)
         assert len(node.sent) == step
     before = len(node.sent)
     for _ in range(2 * IMMEDIATE_REPEATS):
-        peer.request(PoseStamped(), step)
+        peer.request(step, 3)
     assert len(node.sent) == before + IMMEDIATE_REPEATS - 1
     peer.send_what_waits()  # the node's timer
     assert len(node.sent) == before + IMMEDIATE_REPEATS

@@ -5,7 +5,6 @@
 from array import array as packed
 from collections.abc import Iterable, Mapping
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -31,21 +30,36 @@ def messages_of(run: RunConfig) -> Messages:
 
 def cell_pose(messages: Messages, step: int, cell: int) -> PoseStamped:
     """Return a cell's centre at a time step."""
-    pose = PoseStamped(header=map_header(messages.stamp(step)))
-    pose.pose.position.x, pose.pose.position.y = messages.centres[cell]
+    pose = PoseStamped()
+    set_cell(pose, messages, step, cell)
     return pose
+
+
+def set_cell(pose: PoseStamped, messages: Messages, step: int, cell: int) -> None:
+    """Set a pose to a cell's centre at a time step."""
+    set_header(pose.header, messages.stamp(step))
+    pose.pose.position.x, pose.pose.position.y = messages.centres[cell]
 
 
 def cell_path(messages: Messages, step: int, cells: Iterable[int | None]) -> Path:
     """Return the cells' centres as a path, leaving out None."""
-    poses = [cell_pose(messages, step, cell) for cell in cells if cell is not None]
-    return Path(header=map_header(messages.stamp(step)), poses=poses)
+    path = Path()
+    set_header(path.header, messages.stamp(step))
+    path.poses = [cell_pose(messages, step, cell) for cell in cells if cell is not None]
+    return path
 
 
 def map_header(stamp: tuple[int, int]) -> Header:
     """Return a header in the frame `map`; `stamp`: (sec, nanosec)."""
-    sec, nanosec = stamp
-    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=MAP_FRAME)
+    header = Header()
+    set_header(header, stamp)
+    return header
+
+
+def set_header(header: Header, stamp: tuple[int, int]) -> None:
+    """Set a message's header: a message is slow to make, and makes its own anyway."""
+    header.frame_id = MAP_FRAME
+    header.stamp.sec, header.stamp.nanosec = stamp
 
 
 def run_announced(data: bytes) -> str:

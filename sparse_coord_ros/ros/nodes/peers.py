@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from rclpy.client import Client
@@ -24,7 +23,7 @@ from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
 from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
-from sparse_coord_ros.ros.nodes.messages import cell_path, cell_pose
+from sparse_coord_ros.ros.nodes.messages import cell_path, set_cell
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE
 
@@ -43,6 +42,7 @@ class Peer:
     Args:
         node: the asking robot; its name goes into the requests.
         client: the client of the peer's service.
+        messages: the run's messages.
         answered: called with the request's step and the answer's path.
 
     Attributes:
@@ -51,9 +51,14 @@ class Peer:
     """
 
     def __init__(
-        self, node: Node, client: Client, answered: Callable[[int, Path], None]
+        self,
+        node: Node,
+        client: Client,
+        messages: Messages,
+        answered: Callable[[int, Path], None],
     ) -> None:
         self._client = client
+        self._messages = messages
         self._answered = answered
         self._request = GetPlan.Request()
         self._request.goal.header.frame_id = node.get_name()
@@ -68,14 +73,14 @@ class Peer:
         self._seen = self._seen or self._client.service_is_ready()
         return self._seen
 
-    def request(self, pose: PoseStamped, step: int) -> bool:
-        """Ask for the peer's local state of a time step.
+    def request(self, step: int, cell: int) -> bool:
+        """Ask for the peer's local state of a time step; `cell` is the asker's own.
 
         Returns:
             True to wait for the answer; False for a peer that let the last deadline pass and has
             not answered since. The request is still sent, to notice the peer's return.
         """
-        self._request.start = pose
+        set_cell(self._request.start, self._messages, step, cell)
         self.repeats = self.repeats + 1 if step == self._step else 0
         self._step = self._unsent = step
         if self.repeats < IMMEDIATE_REPEATS:
@@ -167,7 +172,8 @@ class Peers:
                     ACTIVE_PERCEPTION_TYPE, service
                 )
             answered = node.guarded(partial(self._on_answer, k))
-            self._peers[k] = Peer(node, node.shared_clients[service], answered)
+            client = node.shared_clients[service]
+            self._peers[k] = Peer(node, client, messages, answered)
 
     def ready(self) -> bool:
         """Return whether every peer's service has been there."""
@@ -176,7 +182,7 @@ class Peers:
     def ask(self, peer: int, step: int, cell: int) -> bool:
         """Ask a peer for its local state; return whether to wait, as `Peer.request` does."""
         self._requested.add(peer)
-        return self._peers[peer].request(cell_pose(self._messages, step, cell), step)
+        return self._peers[peer].request(step, cell)
 
     def start_anew(self) -> None:
         """Drop pending requests: the run goes back to an earlier time step."""
