@@ -28,5 +28,5 @@ if __name__ == "__main__":
     scenario = sc.load_scenario("env1", penalty=-20, steps=steps)
     for learner in ("coop", "careful"):
         team = sc.evaluate(sc.train(scenario, learner, seed=1))
-        said = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
-        print(f"{learner}: {', '.join(said)}")
+        measured = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
+        print(f"{learner}: {', '.join(measured)}")

@@ -27,5 +27,5 @@ if __name__ == "__main__":
     for perception in ("always", "fog:4", "fog:1"):
         scenario = sc.load_scenario("env1", steps=steps, perception=perception)
         team = sc.evaluate(sc.train(scenario, seed=2))
-        said = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
-        print(f"{perception}: {', '.join(said)}")
+        measured = [f"{name} {team.in_words(name)}" for name in ("returns", "asks")]
+        print(f"{perception}: {', '.join(measured)}")

@@ -61,7 +61,7 @@ class OwnRobot(Node):
 
     def on_status(self, message):
         """Begin when the world orders it, and end with the run."""
-        values = {one.key: one.value for one in message.values}
+        values = {entry.key: entry.value for entry in message.values}
         if not self.run or not self.map or values["run"] != self.run["id"]:
             return
         if self.attempt is None:  # an attempt that is under way is for the others
@@ -78,8 +78,8 @@ class OwnRobot(Node):
 
     def report(self, attempt):
         """Tell the world that this robot can begin anywhere, and which attempt it has begun."""
-        said = [KeyValue(key="checkpoints"), KeyValue(key="attempt", value=attempt)]
-        self.progress.publish(DiagnosticStatus(values=said))
+        values = [KeyValue(key="checkpoints"), KeyValue(key="attempt", value=attempt)]
+        self.progress.publish(DiagnosticStatus(values=values))
 
     def forget(self):
         """Begin where the world begins: nothing has been seen."""

@@ -111,44 +111,44 @@ def learn(scenario, teams, seed=0, reach=REACH):
     """
     random = np.random.default_rng(seed)
     env = sc.vector_env(scenario, teams, seed=seed, phase="learning")
-    found = Teams(scenario, teams, reach)
+    learned = Teams(scenario, teams, reach)
     every = np.arange(teams)
     epsilons = probabilities(scenario.epsilon, scenario.steps)
     sizes = step_sizes(scenario.step_size, scenario.steps)
     seen, infos = env.reset()
     cells = seen["observation"][:, :, 0]
     arrived = infos["arrived"]
-    state = found.states(cells, arrived)
-    best = found.best(every, cells, state)
+    state = learned.states(cells, arrived)
+    best = learned.best(every, cells, state)
     ended = np.zeros(teams, dtype=bool)
     for step in range(scenario.steps):
         draws = random.random((2, teams, 2))
         explored = (draws[1] * MOVES).astype(np.int64)
         moves = np.where(draws[0] < epsilons[step], explored, best)
         allowed = np.where(arrived | ended[:, None], 0, moves)
-        before = found.parts(every, cells, state, moves)
+        before = learned.parts(every, cells, state, moves)
         seen, rewards, terminated, truncated, infos = env.step(allowed)
         acts = ~arrived & ~ended[:, None]
         next_cells = seen["observation"][:, :, 0]
-        next_state = found.states(next_cells, infos["arrived"])
-        next_best = found.best(every, next_cells, next_state)
-        after = found.parts(every, next_cells, next_state, next_best)
+        next_state = learned.states(next_cells, infos["arrived"])
+        next_best = learned.best(every, next_cells, next_state)
+        after = learned.parts(every, next_cells, next_state, next_best)
         after = env.discount * np.where(infos["arrived"], 0.0, after)
         errors = rewards + after - before
-        found.learn(
+        learned.learn(
             state, cells, moves, errors, acts, sizes.by_count, sizes.by_step[step]
         )
         ended = terminated | truncated
         cells = next_cells
         arrived = infos["arrived"]
         state = next_state
-        best = found.best(every, cells, state)
-    return found
+        best = learned.best(every, cells, state)
+    return learned
 
 
-def play(scenario, found, trials, seed=1):
+def play(scenario, learned, trials, seed=1):
     """Return the returns of greedy teams and who arrived, shape (teams, trials, robots) each."""
-    teams = len(found.own)
+    teams = len(learned.own)
     team = np.repeat(np.arange(teams), trials)
     env = sc.vector_env(scenario, len(team), seed=seed)
     seen, infos = env.reset()
@@ -157,9 +157,9 @@ def play(scenario, found, trials, seed=1):
     discount = np.ones((len(team), 1))
     while discount.any():
         cells = seen["observation"][:, :, 0]
-        state = found.states(cells, infos["arrived"])
+        state = learned.states(cells, infos["arrived"])
         idle = infos["arrived"] | (discount == 0)
-        moves = np.where(idle, 0, found.best(team, cells, state))
+        moves = np.where(idle, 0, learned.best(team, cells, state))
         seen, rewards, terminated, truncated, infos = env.step(moves)
         returns += discount * rewards
         arrived |= infos["arrived"] & (discount > 0)

@@ -40,12 +40,14 @@ OWN = {
 
 def start(team):
     """Add the team, and what takes its moves to Nav2."""
-    own = {name: team.of_world(name) for name in ("slips", "epsilon", "checkpoint")}
-    team.add_team(bodies=True, **own, **team.of(["body_timeout"]))
+    of_world = {
+        name: team.of_world(name) for name in ("slips", "epsilon", "checkpoint")
+    }
+    team.add_team(bodies=True, **of_world, **team.of(["body_timeout"]))
     names = team.scenario.names
     spaces = one_for_each("robots", team.get("robots"), names)
     for name, space in zip(names, spaces, strict=True):
-        own = {
+        driver = {
             **team.of(DRIVER),
             "robot": name,
             "pose_type": "tf",
@@ -53,7 +55,7 @@ def start(team):
             "action": f"/{space}/navigate_to_pose",
         }
         tf = [(topic, f"/{space}/{topic}") for topic in (TF, TF_STATIC)]
-        team.add("nav2_driver", own, f"{name}_driver", remapped=tf)
+        team.add("nav2_driver", driver, f"{name}_driver", remapped=tf)
     team.add_views()
 
 

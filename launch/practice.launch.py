@@ -34,14 +34,19 @@ def start(given, context):
     scenario = load_scenario(values.get("scenario", OWN["scenario"].default))
     centres = Messages(make_run(scenario, {})).centres
     places = [centres[robot.start] for robot in scenario.robots]
-    said = {
+    parameters = {
         "bases": one_for_each("robots", values.get("robots", ""), scenario.names),
         "places": [f"{x},{y}" for x, y in places],
         "speed": values.get("speed", OWN["speed"].default),
     }
     executable = "nav2_stand_in"
     return [
-        Node(package=PACKAGE, executable=executable, parameters=[said], output="screen")
+        Node(
+            package=PACKAGE,
+            executable=executable,
+            parameters=[parameters],
+            output="screen",
+        )
     ]
 
 

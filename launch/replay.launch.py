@@ -13,7 +13,7 @@ from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 PLAYER = PARAMETERS["player"]
 ARGUMENTS = {
     "bag": replace(PLAYER["bag"], default=None),  # it must be given
-    **{name: one for name, one in PLAYER.items() if name != "bag"},
+    **{name: setting for name, setting in PLAYER.items() if name != "bag"},
 }
 
 

@@ -49,7 +49,7 @@ def nothing_allowed(monkeypatch):
     """Let no test begin with modules that another one allowed to be imported, or registered."""
     monkeypatch.setenv(ALLOW_VARIABLE, "")
     for registry in (LEARNERS, MODELS):
-        monkeypatch.setattr(registry, "_known", {**registry.registered})
+        monkeypatch.setattr(registry, "registered", {**registry.registered})
 
 
 @pytest.fixture(autouse=True, scope="session")

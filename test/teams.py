@@ -230,9 +230,7 @@ def fog(grid, p):
 @contextmanager
 def forgotten():
     """Forget afterwards the module `theirs`, and what is registered in between."""
-    own_learners = patch.object(LEARNERS, "_known", LEARNERS.registered)
-    own_models = patch.object(MODELS, "_known", MODELS.registered)
-    with own_learners, own_models:
+    with patch.dict(LEARNERS.registered), patch.dict(MODELS.registered):
         yield
     sys.modules.pop("theirs", None)
 

@@ -87,15 +87,15 @@ def answers(
     lines = [
         f"{'':<25} {'return':>7} {'miscoordinations':>17} {'questions':>10} {'moves':>6}"
     ]
-    for learner, one in values.items():
-        lines.append(_row(f"{learner}, {LEARNERS[learner]}", one))
+    for learner, team in values.items():
+        lines.append(_row(f"{learner}, {LEARNERS[learner]}", team))
     first = next(iter(values.values()))
     lines.append(_row("shortest paths, no asking", first["shortest_paths"]))
     least = first["shortest_paths"]["returns"]
     most = first["optimum"]
     lines += ["", "Did they learn?"]
-    for learner, one in values.items():
-        lines.append(f"  {learner}: {one['verdict']['text'].split('. ')[0]}.")
+    for learner, team in values.items():
+        lines.append(f"  {learner}: {team['verdict']['text'].split('. ')[0]}.")
     lines += [
         "How good is that?",
         f"  Robots that ignore each other get {least:.2f}. Nobody can get more than "
@@ -111,10 +111,10 @@ def answers(
     return lines
 
 
-def _row(name: str, one: Mapping[str, Any]) -> str:
+def _row(name: str, team: Mapping[str, Any]) -> str:
     return (
-        f"{name:<25} {one['returns']:7.2f} {one['miscoordinations']:17.2f} "
-        f"{one['asks']:10.2f} {one['time_to_goal']:6.2f}"
+        f"{name:<25} {team['returns']:7.2f} {team['miscoordinations']:17.2f} "
+        f"{team['asks']:10.2f} {team['time_to_goal']:6.2f}"
     )
 
 

@@ -17,12 +17,8 @@ from typing import IO, Any
 from sparse_coord_ros.base.errors import (
     RunError,
     SparseCoordError,
-    check_argument,
     wrong_argument,
 )
-
-LONGEST_NAME = 255
-"""Most bytes of the name of a file or a folder."""
 
 PARTIAL = ".partial"
 """The end of the name of a file that is being written."""
@@ -102,20 +98,11 @@ def path_argument(
         instead: the allowed values, in words.
 
     Raises:
-        SparseCoordError: an `error`: it is neither a text nor a path, or no valid path.
+        SparseCoordError: an `error`: it is neither a text nor a path.
     """
-    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
-    if not isinstance(text, str):
+    if not isinstance(value, str | os.PathLike):
         raise error(wrong_argument(name, value, f"{instead}, as a text or a Path"))
-    check_argument(
-        name, value, "\0" not in text, "a path without NUL characters", error
-    )
-    parts = text.encode(errors="surrogatepass").split(b"/")
-    most = max(map(len, parts))
-    check_argument(
-        name, value, most <= LONGEST_NAME, f"names of up to {LONGEST_NAME} bytes", error
-    )
-    return Path(text)
+    return Path(value)
 
 
 def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:

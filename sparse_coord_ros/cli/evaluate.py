@@ -3,7 +3,7 @@
 """`sparse_coord evaluate`: the value of learned tables, beside the paper and the optimum."""
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,11 +22,7 @@ from sparse_coord_ros.cli.options import (
     tell,
 )
 from sparse_coord_ros.core.engine.training_checkpoint import CHECKPOINT_FILE
-from sparse_coord_ros.core.game.scenario import (
-    WHILE_LEARNING,
-    Scenario,
-    load_scenario,
-)
+from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import TRIALS, play
 from sparse_coord_ros.core.runs.measures import (
@@ -45,7 +41,7 @@ from sparse_coord_ros.protocol.lockstep.node_checkpoints import (
     CHECKPOINTS,
     robots_elsewhere,
 )
-from sparse_coord_ros.studies.paper import PENALTY, paper_rows
+from sparse_coord_ros.studies.paper import paper_row
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -216,7 +212,7 @@ def facts_of(result: Evaluated) -> dict[str, Any]:
         **measures.to_dict(),
         "verdict": verdict_on(scenario, run.rule, measures),
         "robots": measures.by_robot(),
-        "paper": paper_row(run),
+        "paper": paper_row(scenario, run.learner),
         "shortest_paths": shortest_paths(scenario).to_dict(),
         "optimum": optimum.value,
         "optimum_exact": optimum.exact,
@@ -253,22 +249,6 @@ def add_result(directory: Path, run: RunConfig, measures: Measures) -> dict[str,
     return result
 
 
-def paper_row(run: RunConfig) -> dict:
-    """Return the paper's numbers for this run's learner.
-
-    There are none if the game is not the paper's, or if robots learned from more than answers.
-    """
-    scenario = run.scenario
-    if scenario.peers_seen == WHILE_LEARNING:
-        return {}
-    row = paper_rows().get(scenario.name, {}).get(run.learner, {})
-    if not row:
-        return {}
-    papers = load_scenario(scenario.name, penalty=PENALTY)
-    same = shipped.game_digest(scenario) == shipped.game_digest(papers)
-    return dict(row) if same and scenario.horizon == papers.horizon else {}
-
-
 def result_table(runs: Sequence[Evaluated], *, spread: bool = False) -> str:
     """Return the table of runs of one game: ours, the paper's, and the reference values.
 
@@ -293,11 +273,11 @@ def _learned_rows(runs: Sequence[Evaluated]) -> list[list[str]]:
     optimum = shipped.known_optimum(runs[0].run.scenario).value
     rows = []
     titles = [run.title for _, run, _ in runs]
-    papers: dict[str, dict] = {}
+    papers: dict[str, Mapping[str, Any]] = {}
     for directory, run, measures in runs:
         title = run.title
         named = title if titles.count(title) == 1 else f"{directory}: {title}"
-        papers[title] = paper_row(run)
+        papers[title] = paper_row(run.scenario, run.learner)
         cells = measures.cells(optimum=optimum).values()
         rows.append([named, *cells, *measures.spreads()])
     for title, paper in papers.items():

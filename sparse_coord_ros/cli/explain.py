@@ -39,23 +39,23 @@ def execute(options: argparse.Namespace) -> None:
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     made = [log.made_before(t) for t in steps]
     at = next((number for number in made if number >= options.step), None)
-    found = []
+    there = []
     interactions = []
     if at is not None:
         step = steps[made.index(at)]
-        found = [
+        there = [
             coordination for k in asked for coordination in explained(log, k, [step])
         ]
         seen = logged_step(log, log.row_of[step])
         interactions = Narrator(log.run.scenario).interactions(seen)
     lines = [] if log.damage is None else [log.damage]
     lines += _which_step(options.robot or "all robots", options.step, at, made)
-    for coordination in found:
+    for coordination in there:
         lines += in_words(log, coordination)
     lines += [f"at the end of step {at}: {sentence}" for sentence in interactions]
     facts = [
         {**coordination._asdict(), "robot": log.names[coordination.robot], "step": at}
-        for coordination in found
+        for coordination in there
     ]
     document = {
         "wanted": options.step,

@@ -63,10 +63,6 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
             }
             for name, topic in sorted(bag.topics.items())
         ],
-        "attachments": [
-            {"name": name, "type": kind, "bytes": size}
-            for name, kind, size in bag.attachments
-        ],
     }
 
 
@@ -105,12 +101,6 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         for topic in facts["topics"]
     ]
     yield shared.format_table(["topic", "messages", "bytes", "QoS", "type"], rows)
-    if facts["attachments"]:
-        rows = [
-            [attachment["name"], str(attachment["bytes"]), attachment["type"]]
-            for attachment in facts["attachments"]
-        ]
-        yield "\n" + shared.format_table(["attachment", "bytes", "type"], rows)
 
 
 def _qos_in_words(topic: dict[str, Any]) -> str:

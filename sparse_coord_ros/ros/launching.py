@@ -119,18 +119,18 @@ def described(
     """
 
     def go_on(context: LaunchContext) -> list[Any]:
-        found = context.launch_configurations
+        texts = context.launch_configurations
         if _is_own(file):
             warn_of_unknown(arguments)
-        return launch({name: found[name] for name in arguments if found[name]}, context)
+        return launch({name: texts[name] for name in arguments if texts[name]}, context)
 
     declared = [
         actions.DeclareLaunchArgument(
             name,
-            default_value=None if one.default is None else "",
-            description=f"{one.help} (allowed: {one.allowed}{_default(one)})",
+            default_value=None if setting.default is None else "",
+            description=f"{setting.help} (allowed: {setting.allowed}{_default(setting)})",
         )
-        for name, one in arguments.items()
+        for name, setting in arguments.items()
     ]
     return LaunchDescription([*declared, actions.OpaqueFunction(function=go_on)])
 
@@ -228,14 +228,14 @@ class LaunchedTeam:
         Args:
             more: further parameters of the world; the argument `set` wins over them.
         """
-        own = {"out": self._out}
+        output = {"out": self._out}
         world = {name: self.of_world(name) for name in ("scenario", "clock")}
         world |= {**self.of(OF_WORLD), "recorded": self.get("record")}
-        self.add(WORLD, {**own, **world, **more, **self._settings})
+        self.add(WORLD, {**output, **world, **more, **self._settings})
         for robot in self.scenario.robots:
-            self.add("robot", own, robot.name)
+            self.add("robot", output, robot.name)
         if self.get("record"):
-            self.add(RECORDER, {**own, "out": str(Path(self._out) / "bag")})
+            self.add(RECORDER, {**output, "out": str(Path(self._out) / "bag")})
 
     def add(
         self,
@@ -362,13 +362,13 @@ def one_for_each(argument: str, text: str, robots: Iterable[str]) -> list[str]:
         SettingError: the number of values is wrong.
     """
     names = list(robots)
-    said = [one.strip(" /") for one in text.split(",") if one.strip(" /")]
-    if said and len(said) != len(names):
+    given = [name.strip(" /") for name in text.split(",") if name.strip(" /")]
+    if given and len(given) != len(names):
         allowed = f"{len(names)}, one for each of {', '.join(names)}"
         raise SettingError(
-            f"argument {argument}: {len(said)} names, allowed: {allowed}"
+            f"argument {argument}: {len(given)} names, allowed: {allowed}"
         )
-    return said or names
+    return given or names
 
 
 def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, Any]:
@@ -406,7 +406,7 @@ def _sections(file: str) -> dict[str, dict[str, Any]]:
         return {}
     remedy = "give params_file a ROS parameter file"
     text = read_text(Path(file), SettingError, remedy)
-    found: dict[str, dict[str, Any]] = {}
+    sections: dict[str, dict[str, Any]] = {}
     left = list(parse_yaml(text, where=file, error=SettingError).items())
     while left:
         node, section = left.pop(0)
@@ -417,19 +417,19 @@ def _sections(file: str) -> dict[str, dict[str, Any]]:
             )
         if "ros__parameters" in section:
             name = str(node).rpartition("/")[2]
-            found.setdefault(name, {}).update(section["ros__parameters"] or {})
+            sections.setdefault(name, {}).update(section["ros__parameters"] or {})
         else:  # a namespace
             left += section.items()
-    return found
+    return sections
 
 
 def _of_world(sections: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """Return the world's parameters in a file, including the parameters for all nodes."""
-    said: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
     for name, section in sections.items():
         if name in (WORLD, *ALL_NODES):
-            said |= section
-    return said
+            parameters |= section
+    return parameters
 
 
 def _check_fitting(file: str, sections: Iterable[str], scenario: Scenario) -> None:

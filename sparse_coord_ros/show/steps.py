@@ -104,7 +104,7 @@ def logged_step(log: RunLog, row: int) -> TeamTransition:
     if acted:
         inter = interactions_of(log.run.scenario)
         met = miscoordinates(inter, log.cells[row], log.cells[row + 1])
-    codes = [PerceptEnd.said(end) for end in log.column(PERCEPT.name)[row]]
+    codes = [PerceptEnd.from_number(end) for end in log.column(PERCEPT.name)[row]]
     ends = [PerceptEnd.LATE if end is None else end for end in codes]
     step = int(log.step[row])
     cells = _known(log.cells[row])

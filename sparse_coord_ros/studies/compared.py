@@ -6,18 +6,13 @@ from collections.abc import Iterable
 
 from sparse_coord_ros.core.solve.shipped import shipped_asking_team
 from sparse_coord_ros.studies.condition_result import ConditionResult
-from sparse_coord_ros.studies.paper import PENALTY, paper_rows
-
-PAPER_SETTINGS = (("penalty", str(PENALTY)),)
-"""Settings of the conditions that the paper's Tables 1 to 3 show."""
+from sparse_coord_ros.studies.paper import paper_row
 
 
 def paper(result: ConditionResult, measure: str) -> tuple[float, float] | None:
     """Return mean and spread that the paper prints for a condition; None if it prints none."""
-    row = paper_rows().get(result.scenario.name, {}).get(result.condition.learner, {})
-    if result.condition.own_scenario is not None:
-        return None
-    if result.condition.settings != PAPER_SETTINGS or measure not in row:
+    row = paper_row(result.scenario, result.condition.learner)
+    if measure not in row:
         return None
     mean, spread = row[measure]
     return mean, spread

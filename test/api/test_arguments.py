@@ -10,48 +10,6 @@ from patience import PATIENCE_SECONDS
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import RunError, SparseCoordError
 
-LONG = 5000 * "x"
-NUL = "a\0b"
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """Work in an empty directory, and see that it stays empty."""
-    monkeypatch.chdir(tmp_path)
-    yield
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (sc.load_scenario, "scenario"),
-        (sc.load_run, "run"),
-        (sc.evaluate, "run"),
-        (sc.read_log, "bag"),
-        (sc.verify, "bag"),
-        (lambda path: sc.run_experiment("table1", out=path), "out"),
-        (lambda path: sc.train("env1", checkpoint=path), "checkpoint"),
-        (
-            lambda path: sc.train(sc.load_scenario("env1", steps=5)).save(path),
-            "directory",
-        ),
-    ],
-)
-@pytest.mark.parametrize(
-    ("path", "allowed"),
-    [(NUL, "a path without NUL characters"), (LONG, "names of up to 255")],
-)
-def test_a_path_that_no_system_has(here, call, name, path, allowed):
-    with pytest.raises(SparseCoordError) as caught:
-        call(path)
-    line = str(caught.value)
-    assert (
-        line.startswith(f"{name}: value is '{path[:1]}")
-        and f"allowed: {allowed}" in line
-    )
-    assert len(line) < 300
-
 
 def test_a_path_within_a_file_that_no_system_has(tmp_path):
     file = tmp_path / "a.yaml"

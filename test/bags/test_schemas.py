@@ -85,13 +85,6 @@ def test_schema_hashes_to_the_installed_type_hash(type_name):
     )
 
 
-def test_service_events_have_the_installed_hash():
-    """A bag of rosbag2 may hold them."""
-    name = "nav_msgs/srv/GetPlan_Event"
-    hashes = installed_hashes(share("nav_msgs") / "srv" / "GetPlan.json")
-    assert type_hash(name) == hashes[name]
-
-
 def test_ament_prefix_comes_first(tmp_path, monkeypatch, fresh_cache):
     """A package that only an overlay has is found, and the overlay's text wins."""
     folder = tmp_path / "share" / "overlay_msgs" / "msg"

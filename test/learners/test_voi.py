@@ -48,20 +48,20 @@ def agent(robots=PAIR, **settings):
 def set_rho(one, x, z, name, values, peer=1):
     """Set rho_j(x, z, .) or rho0_j."""
     table = getattr(one.mind, name)
-    row = met(table, one.task, 0, voi.place(one.task, x, peer, z))
+    row = met(table, one.task, 0, voi.peer_key(one.task, x, peer, z))
     table.values[0, row] = values
 
 
 def rho(one, x, z, name, peer=1):
     """Return rho_j(x, z, .) or rho0_j."""
     table = getattr(one.mind, name)
-    row = find(table, 0, voi.place(one.task, x, peer, z))
+    row = find(table, 0, voi.peer_key(one.task, x, peer, z))
     return table.values[0, row].tolist()
 
 
 def peer_row(one, z=Z):
     """Return the row of a step of the peer to Z2, with the robot in X."""
-    return met(one.mind.peer, one.task, 0, voi.step_of(one.task, X, 1, z, Z2))
+    return met(one.mind.peer, one.task, 0, voi.step_key(one.task, X, 1, z, Z2))
 
 
 def learn_from_peer(one, y, move, common, number=9):
@@ -74,7 +74,7 @@ def learn_from_peer(one, y, move, common, number=9):
 
 def set_answers(one, x, z, asked, answered, peer=1):
     """Set how often it asked in x with a peer in z, and was answered."""
-    row = met(one.mind.felt, one.task, 0, voi.place(one.task, x, peer, z))
+    row = met(one.mind.felt, one.task, 0, voi.peer_key(one.task, x, peer, z))
     one.mind.felt.updates[0, row, :2] = [asked, answered]
 
 
@@ -157,7 +157,7 @@ def test_a_step_counts_a_try_and_where_it_led():
     action = Action(NORTH, False, NOBODY, False)
     one.learn(7, Choice(X, Decision(NORTH), action, None), Reward(0, 0, 0, 0), X)
     assert mind.updates[0, X].tolist() == [1, 0, 2, 1, 3]
-    row = find(mind.felt, 0, voi.place(one.task, X, 1, NOT_PERCEIVED))
+    row = find(mind.felt, 0, voi.peer_key(one.task, X, 1, NOT_PERCEIVED))
     assert mind.felt.updates[0, row, :2].tolist() == [3, 0]
 
 
@@ -333,7 +333,7 @@ def test_no_answer_is_learned_from_as_from_a_cell():
     step(one, 4, Y, EAST, Y, (Z2,))
     keys = one.memory()["rho_keys"]
     assert keys.tolist() == sorted(
-        voi.place(one.task, x, 1, z)
+        voi.peer_key(one.task, x, 1, z)
         for x, z in ((X, Z), (Y, NOT_PERCEIVED), (X, NOT_PERCEIVED))
     )
     assert one.mind.arrivals[0, [X, Y]].tolist() == [2, 2]
@@ -410,7 +410,7 @@ def test_the_share_of_answers_is_that_of_both_cells():
 def test_a_move_leaves_as_often_as_it_did_with_the_peer_there():
     one = agent()
     set_moves(one, X, east=(5, 4, Y))
-    given = met(one.mind.given, one.task, 0, voi.place(one.task, X, 1, Z2))
+    given = met(one.mind.given, one.task, 0, voi.peer_key(one.task, X, 1, Z2))
     assert voi.chance_to_leave(one.mind, 0, X, EAST, given) == 0.8
     one.mind.given.updates[0, given, EAST] = 6
     one.mind.given.values[0, given, EAST] = 1
@@ -419,7 +419,7 @@ def test_a_move_leaves_as_often_as_it_did_with_the_peer_there():
 
 def counted(one, x=X, z_next=Z2):
     """Return how often moves were tried in x with the peer then in z', and led out."""
-    row = voi.find(one.mind.given, 0, voi.place(one.task, x, 1, z_next))
+    row = voi.find(one.mind.given, 0, voi.peer_key(one.task, x, 1, z_next))
     updates = one.mind.given.updates[0, row].tolist()
     return updates, one.mind.given.values[0, row].tolist()
 
@@ -450,7 +450,7 @@ def test_an_arrival_is_no_step_of_a_peer_that_does_not_answer():
     step(one, 1, before, EAST, one.goal, None)
     counts = one.memory()["peer_updates"].sum(axis=0)
     assert counts.tolist() == [0, 0, 1, 0]
-    key = voi.step_of(one.task, before, 1, NOT_PERCEIVED, NOT_PERCEIVED)
+    key = voi.step_key(one.task, before, 1, NOT_PERCEIVED, NOT_PERCEIVED)
     assert key not in one.memory()["peer_keys"]
 
 
@@ -460,7 +460,7 @@ def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
     one.mind.q_star[0, Y] = [0.0, 0.0, 1.0, 0.0, 0.0]
     set_rho(one, Y, Z2, DOES_NOT_ASK, [0.0, 0.0, -4.0, 0.0])
     peer = peer_row(one)
-    felt = met(one.mind.felt, one.task, 0, voi.place(one.task, Y, 1, Z2))
+    felt = met(one.mind.felt, one.task, 0, voi.peer_key(one.task, Y, 1, Z2))
     one.mind.felt.values[0, felt, 0] = -20.0
 
     def after(b):
@@ -561,7 +561,7 @@ def test_a_step_of_a_peer_teaches_all_known_moves():
 
 def test_steps_that_other_moves_make_unlikely_count_less():
     one = taught()
-    asking = find(one.mind.rho, 0, voi.place(one.task, X, 1, Z))
+    asking = find(one.mind.rho, 0, voi.peer_key(one.task, X, 1, Z))
     one.mind.peer.updates[0, peer_row(one)] = [2, 1, 2, 1]
     one.mind.rho.updates[0, asking] = [5, 3, 2, 1]
     before = np.array(rho(one, X, Z, ASKS))
@@ -591,7 +591,7 @@ def test_the_step_size_is_that_of_the_next_step_of_the_peer_and_at_most_1():
         assert rho(one, X, Z, ASKS)[NORTH] == pytest.approx(expected)
     one = taught()
     one.task = one.task._replace(floors=memoryview(np.ones(99)))
-    asking = find(one.mind.rho, 0, voi.place(one.task, X, 1, Z))
+    asking = find(one.mind.rho, 0, voi.peer_key(one.task, X, 1, Z))
     one.mind.rho.updates[0, asking] = [1, 0, 9, 0]
     one.mind.peer.updates[0, peer_row(one), NORTH] = 1
     learn_from_peer(one, Y, EAST, 0.0)
@@ -619,7 +619,7 @@ def test_a_step_that_stays_tells_what_is_felt_there_not_what_the_move_brings():
     step(one, 1, X, EAST, X, (Z,), common=-20.0, partners=0b10)
     step(one, 2, X, EAST, X, (Z2,))
     peer = peer_row(one)
-    felt = voi.find(one.mind.felt, 0, voi.place(one.task, X, 1, Z2))
+    felt = voi.find(one.mind.felt, 0, voi.peer_key(one.task, X, 1, Z2))
     assert one.mind.peer.updates[0, peer].tolist() == [0, 0, 1, 0]
     assert one.mind.peer.values[0, peer].tolist() == [NOT_FELT] * 4
     assert one.mind.felt.values[0, felt, 0] == -40.0
@@ -751,7 +751,7 @@ def test_robot_0_may_be_in_the_way_too():
     mind.tries[1, X] = 9
     mind.led[1, X] = [0, 0, 9, 9]
     for peer, cell, value in ((0, Y, -90.0), (2, Z, -50.0), (2, Z2, -50.0)):
-        key = voi.place(one.task, X, peer, cell)
+        key = voi.peer_key(one.task, X, peer, cell)
         mind.rho.values[1, met(mind.rho, one.task, 1, key), EAST] = value
     one.begin_episode()
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [NORTH, WEST, WEST]
@@ -819,7 +819,7 @@ def test_tables_grow_with_what_was_met_not_with_joint_states():
 def test_keys_of_cells_and_peers_are_different():
     task = agent(THREE).task
     keys = {
-        voi.place(task, x, j, z)
+        voi.peer_key(task, x, j, z)
         for x in range(task.cells)
         for j in range(task.robots)
         for z in (NOT_PERCEIVED, *range(task.cells))

@@ -127,7 +127,7 @@ class WorldProcess:
 
     def on_progress(self, robot, said):
         attempts = self.attempts
-        attempts.said[robot] = said
+        attempts.reports[robot] = said
         if attempts.order.attempt == NO_ATTEMPT:
             if not attempts.silent:
                 self.begin()

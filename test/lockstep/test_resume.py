@@ -133,7 +133,7 @@ def attempts(steps, checkpoint=0, **said):
     )
     made = WorldAttempts(side, store, list(said), checkpoint)
     for node, checkpoints in said.items():
-        made.said[node] = Progress(checkpoints)
+        made.reports[node] = Progress(checkpoints)
     return made, forgotten
 
 

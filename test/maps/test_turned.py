@@ -16,7 +16,7 @@ from sparse_coord_ros.core.game.grid import parse_map
 from sparse_coord_ros.core.game.pose import Pose, Squares
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned, wall_direction
+from sparse_coord_ros.lab.maps.floor_plan import FloorPlan, turned
 from sparse_coord_ros.lab.maps.image import read_floor_plan, under
 from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
 from sparse_coord_ros.protocol.wire.messages import Messages
@@ -51,14 +51,14 @@ def test_a_place_goes_there_and_back(yaw):
 @pytest.mark.parametrize("degrees", [-40, -20, -5, 0, 12, 20, 33])
 def test_the_main_direction_of_walls_is_found(degrees):
     plan, _ = office(degrees)
-    assert math.degrees(wall_direction(plan)) == pytest.approx(degrees, abs=0.3)
+    assert math.degrees(plan.wall_direction) == pytest.approx(degrees, abs=0.3)
 
 
 def test_a_round_room_has_no_main_direction():
     rows, columns = np.indices((400, 400)) - 200
     free = rows**2 + columns**2 < 190**2
     plan = FloorPlan(Path("round"), free, ~free, 0.05, Pose(0.0, 0.0))
-    assert wall_direction(plan) is None
+    assert plan.wall_direction is None
 
 
 @pytest.mark.parametrize("degrees", [20, -33])
@@ -67,7 +67,7 @@ def test_a_turned_grid_finds_every_doorway_in_the_frame_of_the_robots(degrees):
     askew = import_map(plan, cell=0.5, radius=0.2)
     assert matched(doors, askew.grid)[0] < len(doors)
     assert any("the walls lie at" in note for note in askew.notes)
-    done = import_map(turned(plan, wall_direction(plan)), cell=0.5, radius=0.2)
+    done = import_map(turned(plan, plan.wall_direction), cell=0.5, radius=0.2)
     assert matched(doors, done.grid) == (len(doors), 0)
     assert not any("degrees" in note for note in done.notes)
     assert math.degrees(done.grid.origin.yaw) == pytest.approx(degrees, abs=0.3)
@@ -78,7 +78,7 @@ def test_a_turned_grid_is_not_askew_where_unknown_space_is_free():
     plan, _ = office(20)
     free = plan.free | ~plan.occupied
     open_plan = dataclasses.replace(plan, free=free)
-    yaw = wall_direction(open_plan)
+    yaw = open_plan.wall_direction
     done = import_map(turned(open_plan, yaw), cell=0.5, radius=0.2)
     assert not any("degrees" in note for note in done.notes)
     half = import_map(turned(open_plan, yaw / 2), cell=0.5, radius=0.2)
@@ -89,7 +89,7 @@ def test_a_turned_scan_finds_every_doorway():
     drawing = scanned(drawn("office"), 20.0, 1)
     pixels = drawing.pixels
     plan = FloorPlan(Path("scan"), pixels == FREE, pixels == 0, PIXEL, Pose(0.0, 0.0))
-    done = import_map(turned(plan, wall_direction(plan)), cell=0.5, radius=0.2)
+    done = import_map(turned(plan, plan.wall_direction), cell=0.5, radius=0.2)
     assert matched(drawing.doors, done.grid)[0] == len(drawing.doors)
 
 

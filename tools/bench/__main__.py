@@ -105,12 +105,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def table(figures: Sequence[Figure], pythons: Sequence[str], repeats: int) -> str:
     """Measure the figures of some installations; return a table."""
-    found = list(measured(figures, pythons, repeats))
+    repeated = list(measured(figures, pythons, repeats))
     rows = []
     for number, figure in enumerate(figures):
         row = [figure.title]
         for installation in range(len(pythons)):
-            row += spread([one[number][installation] for one in found])
+            row += spread([seconds[number][installation] for seconds in repeated])
         rows.append(row)
     head = ["medians", "here", "range", "beside it", "range"]
     return format_table(head[: len(rows[0])], rows)

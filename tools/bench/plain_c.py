@@ -30,7 +30,7 @@ TABLES = ("q_star", "q_coord", "updates", "coord_updates")
 
 
 class _Run(ctypes.Structure):
-    """As `Run` of coop.c."""
+    """The arguments of a run, in the order of `Run` in coop.c."""
 
     _fields_ = [
         *[(name, ctypes.c_int64) for name in NUMBERS],

@@ -290,22 +290,22 @@ def _reason(error: PluginError) -> str:
     this package. The reason is the last line that tells one.
     """
     text = str(error.__cause__)
-    place = [
+    parts = [
         f"its {name}"
         for name in re.findall(r"Function\(<function \S+\.(\w+) at", text)[-1:]
     ]
     files = re.findall(r"During: typing of .* at (\S+) \((\d+)\)", text)
     package = str(Path(__file__).parents[2])
-    own = [
+    lines_of_user = [
         line for file, line in files if package not in file and "/numba/" not in file
     ]
-    place += [f"line {line}" for line in own[-1:]]
+    parts += [f"line {line}" for line in lines_of_user[-1:]]
     lines = [line.strip() for line in text.splitlines()]
     reasons = [line for line in lines if line.startswith(TELLING)]
     reason = type(error.__cause__).__name__
     if reasons:
         reason = re.sub(r" at 0x[0-9a-f]+| found for signature:$", "", reasons[-1])
-    where = f"{', '.join(place)}: " if place else ""
+    where = f"{', '.join(parts)}: " if parts else ""
     allowed = "index arrays, compute, and call functions marked by @sc.rules.jitable"
     return f"{where}{reason[:120]}; it may {allowed}"
 

@@ -16,7 +16,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
@@ -109,7 +109,7 @@ class Registry(Generic[T]):
         self.kind = kind
         self.group = group
         self._check = check
-        self._known: dict[str, T] = {}
+        self.registered: dict[str, T] = {}
 
     def register(self, name: str, thing: object) -> T:
         """Register the user's own object under a name; it replaces the user's earlier one.
@@ -121,10 +121,10 @@ class Registry(Generic[T]):
             allowed = "letters, digits and '_', not a digit first"
             raise SettingError(f"{self.kind} name {name!r}: allowed: {allowed}")
         made = self.made(name, thing)
-        if is_shipped(self._known.get(name)) and not is_shipped(made):
+        if is_shipped(self.registered.get(name)) and not is_shipped(made):
             what = f"{self.kind} name {name!r}: is taken by this package's own"
             raise SettingError(f"{what}; choose another name")
-        self._known[name] = made
+        self.registered[name] = made
         if is_path(name):
             allow_named(name)  # other processes import it
         return made
@@ -132,7 +132,7 @@ class Registry(Generic[T]):
     @property
     def names(self) -> tuple[str, ...]:
         """Every name that is registered or an entry point of an installed package."""
-        return tuple(dict.fromkeys([*self._known, *self.installed]))
+        return tuple(dict.fromkeys([*self.registered, *self.installed]))
 
     @property
     def installed(self) -> tuple[str, ...]:
@@ -149,11 +149,6 @@ class Registry(Generic[T]):
             yield from distribution.entry_points.select(group=self.group)
 
     @property
-    def registered(self) -> Mapping[str, T]:
-        """The objects that are registered in this process, by name."""
-        return dict(self._known)
-
-    @property
     def usage(self) -> str:
         """The allowed names, in words."""
         return f"{', '.join(self.names)}, or one of your own as module:name"
@@ -166,8 +161,8 @@ class Registry(Generic[T]):
             NotAllowedError: its module may not be imported.
             PluginError: its module exists, but fails.
         """
-        if name in self._known:
-            return self._known[name]
+        if name in self.registered:
+            return self.registered[name]
         for point in self._points():
             if point.name == name:
                 return self.register(
@@ -192,7 +187,7 @@ class Registry(Generic[T]):
     def barred(self, name: str) -> bool:
         """True if a name stands for code that is not allowed to be imported."""
         module = name.partition(":")[0] + "."
-        known = name in self._known or any(
+        known = name in self.registered or any(
             module.startswith(f"{module_allowed}.") for module_allowed in allowed()
         )
         return is_path(name) and not known

@@ -333,7 +333,7 @@ class Scenario:
         return self.changed(given)
 
     def changed(self, values: Mapping[str, object]) -> "Scenario":
-        """As `with_settings`, for values from a file: they do not allow imports."""
+        """Return a copy with some settings changed by a file: its values do not allow imports."""
         parsed = SETTINGS.parse(values)
         return replace(self, **parsed, given=self.given | set(parsed))
 

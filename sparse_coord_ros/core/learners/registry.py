@@ -52,7 +52,7 @@ LearnerLike = str | Learner | type[Learner]
 
 
 def chosen_learner(learner: LearnerLike) -> Learner:
-    """As `learner_of`; naming a learner here allows its module to be imported."""
+    """Return a learner by its name; naming it here allows its module to be imported."""
     allow_named(learner)
     return learner_of(learner)
 

@@ -136,7 +136,7 @@ class Voi(Learner):
             rho0: rho0_j, a row [b] for x, j, z.
             given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
             peer: for x, j, z and z', how often b was made (`updates`), and the mean r^C of it when
-                it led out (`values`); when it led home for z' `task.cells`: see `step_of`.
+                it led out (`values`); when it led home for z' `task.cells`: see `step_key`.
             felt: for y, j and z', the mean r^C of steps that ended there (`values`, first column),
                 and the counts `ASKED`, `ANSWERED` and `ENDED` (`updates`).
             last: the last step: `STEP`, `CELL`, `MOVE`, `PARTNERS`, `COMMON`, `CELLS` [k, 5 + j].
@@ -166,7 +166,7 @@ class Voi(Learner):
         row: Any
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
-        """As of `Learner`; with more than `MOST_CREDIT` robots r^C counts so often."""
+        """Return it with its defaults; with more than `MOST_CREDIT` robots r^C counts so often."""
         chosen = super().with_defaults(scenario)
         if len(scenario.robots) > MOST_CREDIT and "credit" not in scenario.given:
             chosen = replace(chosen, credit=Spec("weight", (float(MOST_CREDIT),)))
@@ -182,7 +182,7 @@ class Voi(Learner):
             )
 
     def rows_of_a_cell(self, scenario: Scenario) -> int:
-        """As of `Learner`: one for each peer's cell."""
+        """Return the rows of a cell in its tables: one for each peer's cell."""
         return (len(scenario.robots) - 1) * len(scenario.map.cells)
 
     # One robot.
@@ -336,18 +336,18 @@ def by_policy(values: Values, task: Task, k: int, step: int) -> int:
 
 
 @jitable
-def place(task: Task, x: int, j: int, z: int) -> int:
+def peer_key(task: Task, x: int, j: int, z: int) -> int:
     """Return the key of an own cell, a peer and its cell, which may be `NOT_PERCEIVED`, -1."""
     return (x * task.robots + j) * (task.cells + 1) + z + 1
 
 
 @jitable
-def step_of(task: Task, x: int, j: int, z: int, z_next: int) -> int:
+def step_key(task: Task, x: int, j: int, z: int, z_next: int) -> int:
     """Return the key of an own cell, a peer and its step from z to z'.
 
     On arrival z' is not known: it then is `task.cells`, which is no cell.
     """
-    return place(task, x, j, z) * (task.cells + 2) + z_next + 1
+    return peer_key(task, x, j, z) * (task.cells + 2) + z_next + 1
 
 
 # A robot alone.
@@ -373,7 +373,7 @@ def count_question(mind: Any, task: Task, k: int, now: Transition) -> None:
     mind.updates[k, now.cell, COORDINATE] += 1
     for j in range(task.robots):
         if j != k:
-            key = place(task, now.cell, j, int(now.cells[j]))
+            key = peer_key(task, now.cell, j, int(now.cells[j]))
             counts = mind.felt.updates[k, met(mind.felt, task, k, key)]
             counts[ASKED] += 1
             counts[ANSWERED] += now.answered
@@ -387,7 +387,7 @@ def share_answered(mind: Any, task: Task, k: int, x: int, j: int, z: int) -> flo
     """
     if z == NOT_PERCEIVED:
         return 0.0
-    counts = mind.felt.updates[k, find(mind.felt, k, place(task, x, j, z))]
+    counts = mind.felt.updates[k, find(mind.felt, k, peer_key(task, x, j, z))]
     return float((counts[ANSWERED] + 1) / (counts[ASKED] + 1))
 
 
@@ -441,7 +441,7 @@ def worst(rho: Table, task: Task, k: int, x: int, cells: Any, values: Any) -> No
         values[b] = 0.0
     for j in range(task.robots):
         if j != k:
-            row = find(rho, k, place(task, x, j, int(cells[j])))
+            row = find(rho, k, peer_key(task, x, j, int(cells[j])))
             for b in range(PRIMITIVES):
                 value = rho.values[k, row, b]
                 if task.robots == 2 or value < values[b]:
@@ -497,7 +497,7 @@ def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
     m = best_move(mind.q_star[k, y])
     if mind.q_star[k, y, COORDINATE] > mind.q_star[k, y, m]:
         return value_asking(mind, task, k, j, y, z)
-    row = find(mind.rho0, k, place(task, y, j, z))
+    row = find(mind.rho0, k, peer_key(task, y, j, z))
     return float(mind.u[k, y, m] + mind.rho0.values[k, row, m])
 
 
@@ -507,7 +507,7 @@ def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float
     share = share_answered(mind, task, k, y, j, z)
     n = move_without_answer(mind, k, y, share)
     row = mind.row[k]
-    rho = mind.rho.values[k, find(mind.rho, k, place(task, y, j, z))]
+    rho = mind.rho.values[k, find(mind.rho, k, peer_key(task, y, j, z))]
     for b in range(PRIMITIVES):
         row[b] = mind.u[k, y, b] + rho[b]
     return worth_of_asking(row, share, n) - price(task) / (task.robots - 1)
@@ -530,7 +530,7 @@ def learn_from_arrival(mind: Any, task: Task, k: int, now: Transition) -> None:
     for j in range(task.robots):
         if j != k:
             z = int(now.cells[j])
-            row = met(mind.peer, task, k, step_of(task, now.cell, j, z, task.cells))
+            row = met(mind.peer, task, k, step_key(task, now.cell, j, z, task.cells))
             mind.peer.updates[k, row, now.move] += 1
             alpha = step_size(task, int(mind.peer.updates[k, row, now.move]), now.step)
             common = common_with(mind, task, k, j)
@@ -587,10 +587,10 @@ def learn_from_peer(
     move = int(mind.last[k, MOVE])
     z = int(mind.last[k, CELLS + j])
     y = now.cell
-    key = place(task, x, j, z)
-    peer = met(mind.peer, task, k, step_of(task, x, j, z, z_next))
-    given = met(mind.given, task, k, place(task, x, j, z_next))
-    felt = met(mind.felt, task, k, place(task, y, j, z_next))
+    key = peer_key(task, x, j, z)
+    peer = met(mind.peer, task, k, step_key(task, x, j, z, z_next))
+    given = met(mind.given, task, k, peer_key(task, x, j, z_next))
+    felt = met(mind.felt, task, k, peer_key(task, y, j, z_next))
     asking = met(mind.rho, task, k, key)
     not_asking = met(mind.rho0, task, k, key)
     # Count the step.
@@ -615,7 +615,7 @@ def learn_from_peer(
     alpha = step_size(task, int(total) + 1, now.step)
     r = felt_in(mind, task, k, j, x, z_next)
     asks = value_asking(mind, task, k, j, x, z_next)
-    holding = find(mind.rho0, k, place(task, x, j, z_next))
+    holding = find(mind.rho0, k, peer_key(task, x, j, z_next))
     for b in range(PRIMITIVES):
         if is_known(mind.led[k, x, b], mind.tries[k, x, b]):
             out = chance_to_leave(mind, k, x, b, given)
@@ -643,7 +643,7 @@ def chance_to_leave(mind: Any, k: int, x: int, b: int, given: int) -> float:
 @jitable
 def felt_in(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
     """Return the mean r^C of steps that ended in y and z; 0: there was none."""
-    row = find(mind.felt, k, place(task, y, j, z))
+    row = find(mind.felt, k, peer_key(task, y, j, z))
     r = float(mind.felt.values[k, row, 0])
     return r if r != NOT_FELT else 0.0
 
@@ -661,7 +661,7 @@ def after_leaving(
     y = int(mind.to[k, x, b])
     if y == task.goals[k]:
         z = int(mind.last[k, CELLS + j])
-        arrival = find(mind.peer, k, step_of(task, x, j, z, task.cells))
+        arrival = find(mind.peer, k, step_key(task, x, j, z, task.cells))
         r = mind.peer.values[k, arrival, b]
         return arrival_value(task) + (r if r != NOT_FELT else 0.0)
     r = mind.peer.values[k, peer, b]
@@ -759,7 +759,7 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     lowest = 0.0
     for j in range(task.robots):
         if j != k:
-            row = find(mind.rho, k, place(task, x, j, int(cells[j])))
+            row = find(mind.rho, k, peer_key(task, x, j, int(cells[j])))
             rho = mind.rho.values[k, row, way]
             if in_way < 0 or rho < lowest:
                 in_way = j

@@ -47,7 +47,7 @@ class CmdVelDriver(Driver):
         self._unheard = False
 
     def take(self, goals: Goals) -> bool:
-        """As of `Driver`."""
+        """Set the goals, and return whether they are new; the way to them is planned anew."""
         new = super().take(goals)
         if new:
             self._way = []
@@ -55,12 +55,12 @@ class CmdVelDriver(Driver):
         return new
 
     def begin_again(self) -> None:
-        """As of `Driver`."""
+        """Begin the current goal anew, after the body was stopped."""
         super().begin_again()
         self._answered = math.nan
 
     def sees(self, seconds: float, pose: Pose) -> None:
-        """As of `Driver`."""
+        """Note a pose; of the same time again and again: the simulator missed the last command."""
         super().sees(seconds, pose)
         self._unheard = self._repeats > 0 and self._repeats % REPEATS == 0
 

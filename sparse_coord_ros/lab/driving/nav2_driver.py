@@ -114,7 +114,7 @@ class Nav2Driver(Driver):
         return self._sent is None
 
     def sees(self, seconds: float, pose: Pose) -> None:
-        """As of `Driver`."""
+        """Note a pose: the body is in sight again."""
         super().sees(seconds, pose)
         self._blind = False
 

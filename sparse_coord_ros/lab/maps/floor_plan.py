@@ -59,12 +59,12 @@ class FloorPlan:
 
     @cached_property
     def wall_direction(self) -> float | None:
-        """As `wall_direction`; found once.
+        """The direction of most of its walls, in radians from -pi/4 to pi/4; None: there is none.
 
         A turned copy has that of its plan: its own pixels show edges of the old image, too.
         """
         if self.unturned is None:
-            return wall_direction(self)
+            return _wall_direction(self)
         direction = self.unturned.wall_direction
         if direction is None:
             return None
@@ -117,7 +117,7 @@ def turned(plan: FloorPlan, yaw: float) -> FloorPlan:
     )
 
 
-def wall_direction(plan: FloorPlan) -> float | None:
+def _wall_direction(plan: FloorPlan) -> float | None:
     """Return the angle between the walls and the image's rows, in radians counterclockwise.
 
     It lies between -45 and 45 degrees. Seen along the walls, their pixels fall on few lines: the

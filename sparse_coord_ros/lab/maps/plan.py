@@ -162,10 +162,10 @@ def import_map(
     run = max(1, math.floor(longest / cell + 1e-9))
     across = gridding.across(free, run)
     narrow = narrow_corridors(free)
-    found = across
+    doors = across
     if corridors:
-        found = np.where(narrow > 0, across.max() + narrow, across)
-    doors = _doorways(frame, found, doorway, no_doorway)
+        doors = np.where(narrow > 0, across.max() + narrow, across)
+    doors = _doorways(frame, doors, doorway, no_doorway)
     grid = _grid_of(plan, squares, free, doors, radius)
     parts = tuple(
         sorted((int(size) for size in sizes if size >= gridding.CRUMB), reverse=True)
@@ -334,10 +334,10 @@ def _sizes(plan: FloorPlan, preferred: float) -> list[float]:
 
 
 def _doorways(
-    frame: "_Frame", found: np.ndarray, add: Sequence[Place], remove: Sequence[Place]
+    frame: "_Frame", doors: np.ndarray, add: Sequence[Place], remove: Sequence[Place]
 ) -> np.ndarray:
-    """Return the found doorways, shape (rows, columns), with the user's changes."""
-    doors = found.copy()
+    """Return the doorways, shape (rows, columns), with the user's changes."""
+    doors = doors.copy()
     for place in remove:
         number = doors[frame.cell(place, "no doorway")]
         if not number:
@@ -466,10 +466,6 @@ class _Frame:
         raise MapError(f"{what} at {metres(place)} {problem} of {self._name}; {remedy}")
 
 
-def _frame_of(grid: GridMap) -> _Frame:
-    return _Frame(grid.free, grid.squares, grid.name)
-
-
 def centre_of(grid: GridMap, cell: int) -> Place:
     """Return (x, y) of the middle of a cell, by its number, in metres."""
     return grid.squares.centre(*grid.cells[cell])
@@ -583,7 +579,7 @@ def scenario_of(
                 f"--set {key}: is no setting; give it by an option of its own"
             )
     grid = imported.grid
-    frame = _frame_of(grid)
+    frame = _Frame(grid.free, grid.squares, grid.name)
     places_of_robots = {
         f"robot_{k}": {"start": list(start), "goal": list(goal)}
         for k, (start, goal) in enumerate(_robot_cells(frame, robots), start=1)

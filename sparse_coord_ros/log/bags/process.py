@@ -82,33 +82,33 @@ class BagProcess:
             raise
 
     def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
-        """As `BagWriter.add_topic`."""
+        """Return the topic's channel id; a new topic and its type are registered."""
         return self._call("add_topic", topic, type_name, qos)
 
     def begin_file(self) -> None:
-        """As `BagWriter.begin_file`."""
+        """End the file and begin the next."""
         self._call("begin_file")
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """As `BagWriter.add_metadata`."""
+        """Add a metadata record of texts."""
         self._call("add_metadata", name, data)
 
     def write(
         self, channel_id: int, data: bytes, log_time_ns: int, publish_time_ns: int
     ) -> None:
-        """As `BagWriter.write`."""
+        """Append one message; the child gets `BATCH` of them at a time."""
         batch = self._batch
         batch.append((channel_id, data, log_time_ns, publish_time_ns))
         if len(batch) >= BATCH:
             self._hand_over()
 
     def flush(self) -> None:
-        """As `BagWriter.flush`, but without waiting for it."""
+        """Have the current chunk handed to the operating system, without waiting for it."""
         self._hand_over()
         self._send("flush")
 
     def close(self) -> None:
-        """As `BagWriter.close`."""
+        """Finish the bag and end the child; a second call does nothing."""
         if self._process.returncode is not None:
             return
         try:

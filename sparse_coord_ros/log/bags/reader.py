@@ -16,7 +16,6 @@ import numpy as np
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import (
-    Attachment,
     Channel,
     Chunk,
     Footer,
@@ -233,7 +232,6 @@ class Bag:
         names: the topics' names, in the order in which they were found.
         sizes: bytes of the messages' data by topic.
         metadata: the texts of the first metadata record of each name.
-        attachments: name, media type and size of each attachment.
         compressions: the compressions of its chunks: some of `zstd`, `lz4` and `none`.
         parts: the messages, if they are kept.
     """
@@ -245,7 +243,6 @@ class Bag:
         self.names: list[str] = []
         self.sizes: Counter[str] = Counter()
         self.metadata: dict[str, Mapping[str, str]] = {}
-        self.attachments: list[tuple[str, str, int]] = []
         self.compressions: set[str] = set()
         self.parts: list[Part] = []
 
@@ -342,9 +339,6 @@ class Bag:
             file.topic_of[record.id] = self.names.index(record.topic)
         elif isinstance(record, Metadata):
             self.metadata.setdefault(record.name, record.metadata)
-        elif isinstance(record, Attachment):
-            attachment = record.name, record.media_type, len(record.data)
-            self.attachments.append(attachment)
 
     @property
     def finished(self) -> bool:

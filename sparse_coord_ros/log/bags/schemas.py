@@ -59,11 +59,10 @@ def type_hash(type_name: str) -> str:
     """Return a type's `RIHS01_...` hash (REP-2011), or an empty text if none is installed.
 
     Args:
-        type_name: `package/msg/Type`; or `package/srv/Service_Event` of a recorded service.
+        type_name: `package/msg/Type`.
     """
     package, kind, name = type_name.split("/")
-    stem, _, _ = name.partition("_")  # a service's events are in its file
-    path = _interface_file(package, kind, f"{stem}.json")
+    path = _interface_file(package, kind, f"{name}.json")
     if path is None:
         return ""
     hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]

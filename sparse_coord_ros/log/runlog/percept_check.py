@@ -13,7 +13,7 @@ from sparse_coord_ros.protocol.wire import PERCEPT, REWARD, PerceptEnd
 
 def percept_end(code: float) -> str:
     """Return the end of a percept in the words of `PerceptEnd`, from the number in the action."""
-    end = PerceptEnd.said(code)
+    end = PerceptEnd.from_number(code)
     return f"percept={code:g}" if end is None else end.words
 
 
@@ -55,10 +55,10 @@ class PerceptCheck:
             yield Undecided(step, why)
             return
         cells = log.cells[row].tolist()
-        own, *seen = logged["places"].tolist()[: int(logged["count"])]
-        here = cells[self._k]
-        if tuple(own) != log.frame.centres[here]:
-            yield self._difference(step, f"own position {tuple(own)}", f"cell {here}")
+        here, *seen = logged["places"].tolist()[: int(logged["count"])]
+        cell = cells[self._k]
+        if tuple(here) != log.frame.centres[cell]:
+            yield self._difference(step, f"own position {tuple(here)}", f"cell {cell}")
         peers = self._trajectory.peers[index].tolist()
         if seen:
             yield from self._answered(step, seen, cells, peers)

@@ -168,7 +168,7 @@ class Reader:
 
     Args:
         bag: a bag that was not read yet.
-        found: its run.
+        bag_run: its run.
     """
 
     def __init__(self, bag: Bag, bag_run: BagRun) -> None:

@@ -58,7 +58,7 @@ class WorldAttempts:
         checkpoint: int = 0,
     ) -> None:
         self.order = Order()
-        self.said: dict[str, Progress] = {}
+        self.reports: dict[str, Progress] = {}
         self.limit = math.inf
         self._side = side
         self._store = store
@@ -68,7 +68,7 @@ class WorldAttempts:
     @property
     def silent(self) -> list[str]:
         """The nodes that have said nothing so far."""
-        return [node for node in self._nodes if node not in self.said]
+        return [node for node in self._nodes if node not in self.reports]
 
     @property
     def waiting(self) -> list[str]:
@@ -77,16 +77,16 @@ class WorldAttempts:
         return [
             node
             for node in self._nodes
-            if node not in self.said or self.said[node].attempt != attempt
+            if node not in self.reports or self.reports[node].attempt != attempt
         ]
 
-    def hear(self, node: str, said: Progress) -> None:
+    def hear(self, node: str, progress: Progress) -> None:
         """Note a node's report."""
-        self.said[node] = said
-        if node == RECORDER and said.attempt == self.order.attempt:
+        self.reports[node] = progress
+        if node == RECORDER and progress.attempt == self.order.attempt:
             self.limit = math.inf
-            if said.written != LEFT:
-                self.limit = said.written + self._most_behind
+            if progress.written != LEFT:
+                self.limit = progress.written + self._most_behind
 
     @property
     def _most_behind(self) -> int:
@@ -105,11 +105,11 @@ class WorldAttempts:
         back to the newest checkpoint that its bag has, unless the world has gone on without it.
         """
         steps = {BEGINNING, *self._store.steps()}
-        for node, said in self.said.items():
-            if node != RECORDER and said.checkpoints:
-                steps &= {BEGINNING, *said.checkpoints}
+        for node, progress in self.reports.items():
+            if node != RECORDER and progress.checkpoints:
+                steps &= {BEGINNING, *progress.checkpoints}
         newest = max(steps)
-        recorder = self.said.get(RECORDER, Progress())
+        recorder = self.reports.get(RECORDER, Progress())
         reach = newest - self._most_behind - self._checkpoint
         recorded = [step for step in recorder.checkpoints if step in steps]
         last = max(recorded, default=newest)
@@ -138,7 +138,7 @@ class WorldAttempts:
         """
         self._check_robots()
         common = self.common()
-        recorder = self.said.get(RECORDER, Progress())
+        recorder = self.reports.get(RECORDER, Progress())
         recorded = [step for step in common if step in recorder.checkpoints]
         step = max(recorded, default=common[0])
         if step != BEGINNING or self.order.attempt != NO_ATTEMPT:
@@ -153,8 +153,8 @@ class WorldAttempts:
         Where the world has two, such a robot lacks even the older one.
         """
         saved = [step for step in self._store.steps() if step != BEGINNING]
-        for node, said in self.said.items():
-            none = node != RECORDER and said.checkpoints == (BEGINNING,)
+        for node, progress in self.reports.items():
+            none = node != RECORDER and progress.checkpoints == (BEGINNING,)
             if none and len(saved) > 1:
                 raise RunError(
                     f"{node} has no checkpoint of this run; all is saved: start {node} with the "
@@ -169,7 +169,7 @@ class RobotAttempts:
         side: the robot's side of the lock step.
         store: its checkpoints.
         fresh: makes an agent in its initial state.
-        found: the attempt of the team when the robot came: it is for others. The next one is the
+        known: the attempt of the team when the robot came: it is for others. The next one is the
             answer to the robot's first report.
 
     Attributes:
@@ -181,13 +181,13 @@ class RobotAttempts:
         side: RobotSide,
         store: CheckpointStore,
         fresh: Callable[[], Agent],
-        found: str,
+        known: str,
     ) -> None:
         self.attempt = NO_ATTEMPT
         self._side = side
         self._store = store
         self._fresh = fresh
-        self._known = found
+        self._known = known
 
     def obey(self, order: Order) -> bool:
         """Begin as the world orders; return whether to subscribe anew, then publish `_progress`.

@@ -187,7 +187,7 @@ class BodiesSide:
                 here = tuple(
                     BodyGoal(k, cell, cell) for k, cell in enumerate(world.cells)
                 )
-                self._send(here, place=True)
+                self._send(here, placing=True)
             told = world.told(actions)
             goals = [
                 BodyGoal(k, world.cells[k], told[k])
@@ -198,16 +198,16 @@ class BodiesSide:
         self._go_on()
         return not self._under_way
 
-    def reached(self, said: GoalReport) -> bool:
+    def reached(self, report: GoalReport) -> bool:
         """Note a body's report; return whether the world may continue."""
-        goal = self._under_way.get(said.robot)
-        if goal is None or said.number != self._number:
+        goal = self._under_way.get(report.robot)
+        if goal is None or report.number != self._number:
             return False
-        del self._under_way[said.robot]
-        self._since = max(self._since, said.stamp)
+        del self._under_way[report.robot]
+        self._since = max(self._since, report.stamp)
         if not self.placing:
-            self._longest = max(self._longest, said.seconds)
-            self._settle(goal, said.cell)
+            self._longest = max(self._longest, report.seconds)
+            self._settle(goal, report.cell)
         self._go_on()
         return not self._under_way
 
@@ -232,11 +232,11 @@ class BodiesSide:
                 return
             self._send(self._ahead.pop(0))
 
-    def _send(self, goals: tuple[BodyGoal, ...], *, place: bool = False) -> None:
+    def _send(self, goals: tuple[BodyGoal, ...], *, placing: bool = False) -> None:
         self._number += 1
-        self.placing = place
+        self.placing = placing
         self._under_way = {goal.robot: goal for goal in goals}
-        self._tell(Goals(self._number, self._world.step, place, self._since, goals))
+        self._tell(Goals(self._number, self._world.step, placing, self._since, goals))
 
 
 def waves(
@@ -250,12 +250,12 @@ def waves(
     """
     moving = (goal for goal in goals if goal.end != goal.start)
     ahead = sorted(moving, key=lambda goal: (goal.start not in doorways, goal.robot))
-    found = []
+    ordered = []
     while ahead:
         leaving = {goal.start for goal in ahead}
         out = [c for c in ahead if c.start in doorways and c.end not in doorways]
         ready = [c for c in ahead if c.end not in leaving] or out or ahead
         first = {goal.end: goal for goal in reversed(ready)}.values()
-        found.append(tuple(sorted(first)))
+        ordered.append(tuple(sorted(first)))
         ahead = [goal for goal in ahead if goal not in first]
-    return found
+    return ordered

@@ -130,14 +130,16 @@ class Checkpoints(CheckpointStore):
 
     def forget_after(self, step: int) -> None:
         """Remove the checkpoints of later steps: the team does these again."""
-        self._remove([one for one in steps_of(self._folder, self._node) if one > step])
+        self._remove(
+            [later for later in steps_of(self._folder, self._node) if later > step]
+        )
 
     def forget_before(self, step: int) -> None:
         """Remove the checkpoints of earlier steps: the team never goes back to them."""
         if step > self._oldest:
             self._oldest = step
-            files = steps_of(self._folder, self._node)
-            self._remove([one for one in files if one < step])
+            saved = steps_of(self._folder, self._node)
+            self._remove([earlier for earlier in saved if earlier < step])
 
     def _remove(self, steps: Iterable[int]) -> None:
         for step in steps:
@@ -205,8 +207,8 @@ class Checkpoints(CheckpointStore):
     def _read(self, step: int) -> dict[str, np.ndarray]:
         path = self._path(step)
         run = self._run
-        said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        return checkpoint_bytes.read(path, run.digest, run_in_words=said)
+        in_words = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
+        return checkpoint_bytes.read(path, run.digest, run_in_words=in_words)
 
 
 def steps_of(folder: Path, node: str) -> list[int]:

@@ -154,8 +154,12 @@ class RobotSide:
     @property
     def counts(self) -> dict[str, int]:
         """The numbers stored beside its tables: `wire.COUNTS`."""
-        own = {"dropped": self.dropped, "learned": self.learned, "step": self.handled}
-        return {**self.asks, **own}
+        counts = {
+            "dropped": self.dropped,
+            "learned": self.learned,
+            "step": self.handled,
+        }
+        return {**self.asks, **counts}
 
     def state(self, step: int, cell: int) -> None:
         """Process the robot's own local state X_k of a time step."""
@@ -237,9 +241,9 @@ class RobotSide:
         chosen = self._asked is not None or self._choice is not None
         asks = self._asks_before if chosen else self.asks.values()
         told = self._learned_last if self._choice is None else self._self_report.learned
-        place = self.handled, self._cell, self.transitions, self._episode_start
+        here = self.handled, self._cell, self.transitions, self._episode_start
         return RobotState(
-            *place, told, (*asks, self.learned, self.dropped), self.agent.memory()
+            *here, told, (*asks, self.learned, self.dropped), self.agent.memory()
         )
 
     def self_report_of(self, step: int) -> SelfReport | None:
@@ -267,7 +271,6 @@ class RobotSide:
         if state is not None:
             agent.go_on_from(state.memory)
         begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
-        place = begin if state is None else state[:-1]
         (
             step,
             cell,
@@ -275,7 +278,7 @@ class RobotSide:
             self._episode_start,
             self._learned_last,
             counts,
-        ) = place
+        ) = begin if state is None else state[:-1]
         self._handled = step
         self._cell = cell
         self.newest = (max(step, NO_STEP), cell)
@@ -315,7 +318,7 @@ class RobotSide:
         team = None
         if self._sees_all:
             team = (self._all_cells(before), self._all_cells(step))
-            for old in [one for one in self._cells_at if one < step]:
+            for old in [earlier for earlier in self._cells_at if earlier < step]:
                 del self._cells_at[old]
         self.agent.learn(before, choice, reward, cell, team)
         self._learned_last = self.agent.learning

@@ -121,8 +121,8 @@ class WorldSide:
             step: the time step under which the robots save; None: the current one.
         """
         world = self.world
-        own = (self.timeouts, self.left_out, self.stale)
-        counts = (world.episode, world.miscoordinations, *own)
+        late = (self.timeouts, self.left_out, self.stale)
+        counts = (world.episode, world.miscoordinations, *late)
         step = world.step if step is None else step
         absent = tuple(sorted(self.absent))
         history = self.history.so_far.copy()
@@ -135,8 +135,8 @@ class WorldSide:
         world.go_on_from(state.position)
         self.began = state.began
         self.absent = set(state.absent)
-        world.episode, world.miscoordinations, *own = state.counts
-        self.timeouts, self.left_out, self.stale = own
+        world.episode, world.miscoordinations, *late = state.counts
+        self.timeouts, self.left_out, self.stale = late
         under_way = state.position.under_way
         self.history = HistoryRecorder(
             world.scenario, history=state.history, under_way=under_way
@@ -174,8 +174,8 @@ class WorldSide:
         self.history.add(self.world.episode, step, self._actions, outcome)
         if self.watcher is not None:
             after = tuple(self.world.cells)
-            said = self.actions, after, outcome.miscoordination, outcome.rewards
-            self.watcher(TeamTransition(step, before, *said))
+            observed = self.actions, after, outcome.miscoordination, outcome.rewards
+            self.watcher(TeamTransition(step, before, *observed))
         self._begin_step()
         for k in acted:
             self._rewards[k] = (step, outcome.rewards[k])

@@ -106,7 +106,7 @@ class PerceptEnd(IntEnum):
         return shown.get(self, palette.FAILED)
 
     @classmethod
-    def said(cls, number: float) -> "PerceptEnd | None":
+    def from_number(cls, number: float) -> "PerceptEnd | None":
         """Return the end for a number in a message; None: an unknown number."""
         return next((end for end in cls if end == number), None)
 
@@ -217,7 +217,7 @@ CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=Fa
 ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
 PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
 
-TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
+TOPICS = tuple(item for item in list(globals().values()) if isinstance(item, Topic))
 """All topics, in the order above."""
 
 MAP_FRAME = "map"

@@ -180,12 +180,12 @@ UPRIGHT: list[Item] = [Fixed("<f8", value) for value in (0.0, 0.0, 0.0, 1.0)]
 """An orientation along the axes."""
 
 
-def place(prefix: str = "") -> list[Item]:
+def flat_pose(prefix: str = "") -> list[Item]:
     """Return the fields of a pose that is flat on the map: `xy`."""
     return [Free(f"{prefix}xy", "(2,)<f8"), Fixed("<f8", 0.0), *UPRIGHT]
 
 
-def place_at(x: float, y: float, yaw: float = 0.0) -> list[Item]:
+def flat_pose_at(x: float, y: float, yaw: float = 0.0) -> list[Item]:
     """Return the fields of a constant pose that is flat on the map."""
     turn = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
     return [Fixed("<f8", value) for value in (x, y, 0.0, *turn)]

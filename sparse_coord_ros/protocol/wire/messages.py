@@ -27,9 +27,9 @@ from sparse_coord_ros.protocol.wire.cdr import (
     Free,
     Item,
     Layout,
+    flat_pose,
+    flat_pose_at,
     nothing,
-    place,
-    place_at,
     stamp,
 )
 
@@ -144,11 +144,11 @@ def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
     Raises:
         ValueError: another frame than `map`, or a pose that is turned or off the ground.
     """
-    place = message.pose.position
+    position = message.pose.position
     turn = message.pose.orientation
-    if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
+    if (position.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
         raise ValueError("holds a pose that is not flat on the map")
-    return read_header(message.header), (place.x, place.y)
+    return read_header(message.header), (position.x, position.y)
 
 
 def labelled(labels: Sequence[str]) -> MessageForm:
@@ -156,11 +156,11 @@ def labelled(labels: Sequence[str]) -> MessageForm:
     count = len(labels)
 
     def read(message: Any) -> tuple[int, list[float]]:
-        ns, said = read_labelled(message)
-        missing = [label for label in labels if label not in said]
+        ns, numbers = read_labelled(message)
+        missing = [label for label in labels if label not in numbers]
         if missing:
             raise ValueError(f"has no number labelled {', '.join(missing)}")
-        return ns, [said[label] for label in labels]
+        return ns, [numbers[label] for label in labels]
 
     numbers = Free("numbers", f"({count},)<f8")
     items: list[Item] = [Fixed("<u4", count), *labels, Fixed("<u4", count), numbers]
@@ -188,7 +188,7 @@ def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
 
 
 CLOCK_FORM = MessageForm(np.dtype([NS]), [(Layout(stamp()), by_name)])
-POSE_ITEMS = [*header(), *place()]
+POSE_ITEMS = [*header(), *flat_pose()]
 """The fields of a geometry_msgs/PoseStamped."""
 
 POSE_FORM = MessageForm(
@@ -203,7 +203,7 @@ def path_layout(count: int) -> Layout:
     """Return the layout of a nav_msgs/Path of some poses; the poses may have any stamps."""
     items: list[Item] = [*header(), Fixed("<u4", count)]
     for number in range(count):
-        items += [*header(f"{number}_"), *place(f"{number}_")]
+        items += [*header(f"{number}_"), *flat_pose(f"{number}_")]
     return Layout(items)
 
 
@@ -236,7 +236,7 @@ def grid_form(run: RunConfig) -> MessageForm:
     items = [
         *nothing("<i4", "<u4"),
         *size,
-        *place_at(*grid.origin),
+        *flat_pose_at(*grid.origin),
         Fixed("<u4", count),
         data,
     ]
@@ -360,10 +360,10 @@ class Messages:
         Raises:
             ValueError: the pose lies in no free cell.
         """
-        said = POSE_FORM.layout.unpack(data)
-        if said is None:
-            said = self._decoded(wire.LOCAL_STATE, POSE_FORM, data)
-        sec, nanosec, x, y = said
+        fields = POSE_FORM.layout.unpack(data)
+        if fields is None:
+            fields = self._decoded(wire.LOCAL_STATE, POSE_FORM, data)
+        sec, nanosec, x, y = fields
         cell = self.cell(x, y)
         if cell is None:
             raise ValueError(
@@ -377,10 +377,10 @@ class Messages:
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
         """Return (step, reward) of a reward; ValueError: labels are missing or doubled."""
-        said = REWARD_FORM.layout.unpack(data)
-        if said is None:
-            said = self._decoded(wire.REWARD, REWARD_FORM, data)
-        sec, nanosec, individual, common, cost, total, partners = said
+        fields = REWARD_FORM.layout.unpack(data)
+        if fields is None:
+            fields = self._decoded(wire.REWARD, REWARD_FORM, data)
+        sec, nanosec, individual, common, cost, total, partners = fields
         reward = Reward(individual, common, cost, total, int(partners))
         return (sec * SECOND + nanosec + self._half) // self.period, reward
 
@@ -397,10 +397,10 @@ class Messages:
             ValueError: labels are missing or doubled, (east, north) is no primitive action, or
                 another number is invalid.
         """
-        said = ACTION_FORM.layout.unpack(data)
-        if said is None:
-            said = self._decoded(wire.ACTION, ACTION_FORM, data)
-        sec, nanosec, *numbers = said
+        fields = ACTION_FORM.layout.unpack(data)
+        if fields is None:
+            fields = self._decoded(wire.ACTION, ACTION_FORM, data)
+        sec, nanosec, *numbers = fields
         _, _, asked, peer, perceived, percept, learned = numbers
         if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
             raise ValueError(

@@ -49,41 +49,43 @@ SUSPECTS = (
 
 def findings() -> Iterator[Finding]:
     """Try rclpy, the middleware, and a round trip between two processes."""
-    said = round_trip()
-    if "missing" in said:
-        text = f"is not there ({said['missing']}): all works except run, replay and live watch"
+    answers = round_trip()
+    if "missing" in answers:
+        text = f"is not there ({answers['missing']}): all works except run, replay and live watch"
         remedy = "source /opt/ros/jazzy/setup.bash, or pip install '.[ros]'"
         yield Finding(HINT, "ROS 2", text, remedy)
         return
-    if "rmw" in said:
-        known = said["rmw"] == TESTED_MIDDLEWARE
+    if "rmw" in answers:
+        known = answers["rmw"] == TESTED_MIDDLEWARE
         remedy = (
             ""
             if known
             else f"export RMW_IMPLEMENTATION={TESTED_MIDDLEWARE}, which was tested"
         )
         yield Finding(
-            FINE if known else HINT, "ROS 2", f"rclpy with {said['rmw']}", remedy
+            FINE if known else HINT, "ROS 2", f"rclpy with {answers['rmw']}", remedy
         )
-    if "round_trip" in said:
-        yield _connected(said)
+    if "round_trip" in answers:
+        yield _connected(answers)
         return
-    text = said.get("problem", "two processes on this machine do not reach each other")
+    text = answers.get(
+        "problem", "two processes on this machine do not reach each other"
+    )
     remedy = (
         f"see the findings above; unset {', '.join(SUSPECTS)}; stop the firewall to try"
     )
-    if "problem" not in said and os.environ.get(RANGE) != "LOCALHOST":
+    if "problem" not in answers and os.environ.get(RANGE) != "LOCALHOST":
         if "round_trip" in round_trip({RANGE: "LOCALHOST"}):
             text = "multicast does not work here, or discovery is turned off"
             remedy = f"export {RANGE}=LOCALHOST, or mend it"
     yield Finding(WRONG, "round trip", text, remedy)
 
 
-def _connected(said: Mapping[str, Any]) -> Finding:
+def _connected(answers: Mapping[str, Any]) -> Finding:
     """Say how long a round trip took, and by which transport."""
-    way = "shared memory" if said["shared_memory"] else "UDP"
-    text = f"two processes exchanged messages by {way} in {said['round_trip']:.1f} s"
-    if not said["shared_memory"]:
+    way = "shared memory" if answers["shared_memory"] else "UDP"
+    text = f"two processes exchanged messages by {way} in {answers['round_trip']:.1f} s"
+    if not answers["shared_memory"]:
         return Finding(FINE, "round trip", text)
     remedy = (
         f"unset {PROFILES}, {PROFILES_3} and {PEERS}, so that nodes use UDP: with shared memory "

@@ -141,7 +141,7 @@ class BodyNode(Follower):
                 continue  # its driver would think that the body did not hear it
             odom, base = self._frames[k]
             header, within = (
-                Header(stamp=stamp, frame_id=one) for one in (MAP_FRAME, odom)
+                Header(stamp=stamp, frame_id=frame) for frame in (MAP_FRAME, odom)
             )
             odometry = Odometry(header=within, child_frame_id=base)
             odometry.pose.pose = transforms.pose_message(body.odometry)
@@ -181,8 +181,8 @@ class BodyNode(Follower):
         """Log the counts of events."""
         if self.presence is None:
             return
-        said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
-        self.get_logger().info(f"bodies: {said}")
+        counts = ", ".join(f"{name} {value}" for name, value in self.summary().items())
+        self.get_logger().info(f"bodies: {counts}")
 
 
 def read_command(message: Twist) -> Command:

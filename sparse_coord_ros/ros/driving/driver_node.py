@@ -280,9 +280,9 @@ class DriverNode(Follower, LifecycleNodeMixin):
 
     # Pauses.
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Stop the body where the team is paused, and let it go on with the team."""
-        held = said.state in STANDING
+        held = status.state in STANDING
         if held == self.held:
             return
         self.held = held

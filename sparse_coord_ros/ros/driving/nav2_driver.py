@@ -144,8 +144,8 @@ class Nav2DriverNode(DriverNode):
                     "Nav2 did not confirm the end of its last goal: the body may still drive"
                 )
             counts = sorted(self.driver.counts.items())
-            said = ", ".join(f"{kind} {number}" for kind, number in counts)
-            self.get_logger().info(f"moves: {said or 'none'}")
+            moves = ", ".join(f"{kind} {number}" for kind, number in counts)
+            self.get_logger().info(f"moves: {moves or 'none'}")
 
     # The port.
 
@@ -194,13 +194,13 @@ class Nav2DriverNode(DriverNode):
         self.driver.feedback(ticket, message.feedback.distance_remaining, self.now())
 
     def _on_result(self, ticket: int, answer: Future) -> None:
-        said = answer.result()
+        outcome = answer.result()
         self._handles.pop(ticket, None)
         kind = why = ""
-        if said.status != GoalStatus.STATUS_SUCCEEDED:
-            kind = ENDINGS.get(said.status, "forgotten")
-            text = f" {said.result.error_msg}" if said.result.error_msg else ""
-            why = f"Nav2's goal: {kind}, error code {said.result.error_code}{text}"
+        if outcome.status != GoalStatus.STATUS_SUCCEEDED:
+            kind = ENDINGS.get(outcome.status, "forgotten")
+            text = f" {outcome.result.error_msg}" if outcome.result.error_msg else ""
+            why = f"Nav2's goal: {kind}, error code {outcome.result.error_code}{text}"
         self.driver.ended(ticket, self.now(), kind, why)
         self.drive()
 

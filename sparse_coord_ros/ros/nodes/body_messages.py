@@ -39,20 +39,21 @@ def read_goals(messages: Messages, message: JointState) -> Goals:
     Raises:
         ValueError: it is malformed, or of other robots or cells.
     """
-    ns, said = read_labelled(message)
+    ns, numbers = read_labelled(message)
     bodies = []
     last_cell = len(messages.grid.cells) - 1
     for k, name in enumerate(messages.names):
-        if f"{name}/{GOAL_LABELS[0]}" in said:
+        if f"{name}/{GOAL_LABELS[0]}" in numbers:
             ends = [
-                _whole(said, f"{name}/{label}", 0, last_cell) for label in GOAL_LABELS
+                _whole(numbers, f"{name}/{label}", 0, last_cell)
+                for label in GOAL_LABELS
             ]
             bodies.append(BodyGoal(k, *ends))
     return Goals(
-        number=_whole(said, "number", 1, 2**53),
+        number=_whole(numbers, "number", 1, 2**53),
         step=messages.step(0, ns),
-        place=bool(_whole(said, "place", 0, 1)),
-        since=_time(said, "since"),
+        place=bool(_whole(numbers, "place", 0, 1)),
+        since=_time(numbers, "since"),
         bodies=tuple(bodies),
     )
 
@@ -71,22 +72,22 @@ def read_reached(messages: Messages, robot: int, message: JointState) -> GoalRep
     Raises:
         ValueError: it is malformed, or of another map.
     """
-    _, said = read_labelled(message)
-    number = _whole(said, "number", 1, 2**53)
-    cell = _whole(said, "cell", NO_CELL, len(messages.grid.cells) - 1)
-    times = (_time(said, label) for label in REACHED.labels[-2:])
-    return GoalReport(robot, number, cell, said.get("there") == 1.0, *times)
+    _, numbers = read_labelled(message)
+    number = _whole(numbers, "number", 1, 2**53)
+    cell = _whole(numbers, "cell", NO_CELL, len(messages.grid.cells) - 1)
+    times = (_time(numbers, label) for label in REACHED.labels[-2:])
+    return GoalReport(robot, number, cell, numbers.get("there") == 1.0, *times)
 
 
-def _time(said: Mapping[str, float], label: str) -> float:
-    value = said.get(label, math.nan)
+def _time(numbers: Mapping[str, float], label: str) -> float:
+    value = numbers.get(label, math.nan)
     if not 0.0 <= value < 2**31:  # the seconds of a stamp
         raise ValueError(f"says {label} {value:g}, no time in seconds")
     return value
 
 
-def _whole(said: Mapping[str, float], label: str, low: int, high: int) -> int:
-    value = said.get(label, math.nan)
+def _whole(numbers: Mapping[str, float], label: str, low: int, high: int) -> int:
+    value = numbers.get(label, math.nan)
     if not low <= value <= high or value != int(value):
         raise ValueError(
             f"says {label} {value:g}, no whole number from {low} to {high}"

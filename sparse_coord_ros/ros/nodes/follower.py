@@ -92,7 +92,7 @@ class Follower(ParameterNode):
         return run is not None and self.status is not None and self.status.run == run.id
 
     @property
-    def found(self) -> Order:
+    def order_before(self) -> Order:
         """The world's order so far; it is for those who were there before."""
         return Order() if self.status is None else self.status.order
 
@@ -135,7 +135,7 @@ class Follower(ParameterNode):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Read a status of the run's world, also the last one before the node began."""
 
     def go_on(self, now: float) -> None:
@@ -194,16 +194,16 @@ class Follower(ParameterNode):
     def _on_run(self, run: RunConfig | None) -> None:
         self.run = run or self.run
 
-    def _on_status(self, said: RunStatus) -> None:
-        self.status = said
+    def _on_status(self, status: RunStatus) -> None:
+        self.status = status
         if self.presence is None:
             return
         try:
-            self.presence.hear(*said[:3], time.monotonic())
+            self.presence.hear(*status[:3], time.monotonic())
         except ValueError as error:
             self.subscriber.drop(ros_topics.STATUS.name, error)
         else:
-            self.part.world_said(said)
+            self.part.world_said(status)
 
     def _tick(self) -> None:
         now = time.monotonic()

@@ -115,7 +115,7 @@ def status(
     name: str, message: str, values: Mapping[str, object], *, warn: bool = False
 ) -> DiagnosticStatus:
     """Return a diagnostic status with its values as texts."""
-    said = DiagnosticStatus(name=name, message=message, hardware_id="sparse_coord_ros")
-    said.level = DiagnosticStatus.WARN if warn else DiagnosticStatus.OK
-    said.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return said
+    made = DiagnosticStatus(name=name, message=message, hardware_id="sparse_coord_ros")
+    made.level = DiagnosticStatus.WARN if warn else DiagnosticStatus.OK
+    made.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return made

@@ -86,13 +86,13 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     if not all(part.exists() for part in parts):
         return {}
     saved = [load_saved(part, [k])[0] for k, part in enumerate(parts, start=1)]
-    save_team(out, [one.memory for one in saved])
+    save_team(out, [robot.memory for robot in saved])
     for part in parts:
         part.unlink()
     pairs = zip(scenario.names, saved, strict=True)
-    asks = {name: {how: one.counts[how] for how in ASKS} for name, one in pairs}
+    asks = {name: {how: robot.counts[how] for how in ASKS} for name, robot in pairs}
     return {
-        "transitions_dropped": sum(one.counts["dropped"] for one in saved),
+        "transitions_dropped": sum(robot.counts["dropped"] for robot in saved),
         "asks": asks,
     }
 
@@ -105,7 +105,9 @@ def holds_run(out: str) -> bool:
 def is_finished(out: Path) -> bool:
     """Return whether a run was finished, so that there is nothing to continue."""
     left = (CHECKPOINTS, CHECKPOINT_FILE)
-    return (out / TEAM_FILE).exists() and not any((out / one).exists() for one in left)
+    return (out / TEAM_FILE).exists() and not any(
+        (out / name).exists() for name in left
+    )
 
 
 def run_of(values: Mapping[str, Any]) -> RunConfig:
@@ -148,13 +150,13 @@ def check_place(out: str) -> None:
     Raises:
         RunError: another file is in its place, or in its way, or the place cannot be written.
     """
-    place = Path(out).absolute()
-    while not os.path.lexists(place):
-        place = place.parent
-    if out and not (place.is_dir() and os.access(place, os.W_OK)):
+    folder = Path(out).absolute()
+    while not os.path.lexists(folder):
+        folder = folder.parent
+    if out and not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise RunError(
-            f"output directory {out}: cannot be written, as {place} is "
-            f"{'read-only' if place.is_dir() else 'no directory'}; choose another one"
+            f"output directory {out}: cannot be written, as {folder} is "
+            f"{'read-only' if folder.is_dir() else 'no directory'}; choose another one"
         )
 
 
@@ -165,7 +167,7 @@ class Output:
         node: the node.
         name: the name of its checkpoints: `wire.WORLD`, or the robot's name.
         run: the run.
-        own: names of the files that the node will write there.
+        files: names of the files that the node will write there.
 
     Attributes:
         node: as above.
@@ -177,21 +179,21 @@ class Output:
     """
 
     def __init__(
-        self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]
+        self, node: ParameterNode, name: str, run: RunConfig, files: Sequence[str]
     ) -> None:
         self.node = node
         self._text = run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
         self.store = CheckpointStore()
         if self._out is not None:
-            self._open(self._out, own)
+            self._open(self._out, files)
             self.store = checkpoints = Checkpoints(self._out, name, run)
             node.at_end.callback(checkpoints.close)
             checkpoints.steps()
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
 
-    def _open(self, out: Path, own: Sequence[str]) -> None:
+    def _open(self, out: Path, files: Sequence[str]) -> None:
         """Make or join the directory: the first node to come writes `run.yaml`.
 
         A node that finds its run there goes on with it.
@@ -199,7 +201,7 @@ class Output:
         out.mkdir(parents=True, exist_ok=True)
         held: list[str] = []
         if not holds_run(str(out)):
-            held = [name for name in own if (out / name).exists()]
+            held = [name for name in files if (out / name).exists()]
         if not held:
             self._describe(out)
             remedy = "choose another output directory"
@@ -209,13 +211,13 @@ class Output:
             why = f"exists already and holds {held[0]}, nothing is overwritten; choose another one"
             raise RunError(f"output directory {out}: {why}")
 
-    def _describe(self, place: Path) -> None:
+    def _describe(self, out: Path) -> None:
         """Write `run.yaml` into a directory without it; only the first of several nodes does."""
-        folder = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+        folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
         try:
             take_lock(folder, wait=True)
-            if not (place / RUN_FILE).exists():
-                write_whole(place / RUN_FILE, self._text)
+            if not (out / RUN_FILE).exists():
+                write_whole(out / RUN_FILE, self._text)
         finally:
             os.close(folder)
 
@@ -251,9 +253,9 @@ class Output:
         out = self._out
         say = self.node.get_logger()
 
-        def fill(place: Path) -> None:
-            self._describe(place)
-            write(place)
+        def fill(directory: Path) -> None:
+            self._describe(directory)
+            write(directory)
 
         gone = not out.exists()
         try:
@@ -261,22 +263,22 @@ class Output:
             fill(out)
         except OSError as error:
             try:
-                place = rescue(out.absolute(), fill, self._joins)
+                elsewhere = rescue(out.absolute(), fill, self._joins)
             except OSError:
                 raise error from None
-            say.error(f"{os_error_text(error)}; saved in {place} instead")
-            return place
+            say.error(f"{os_error_text(error)}; saved in {elsewhere} instead")
+            return elsewhere
         if gone:
             say.warning(f"output directory {out}: it was gone and was made again")
         return out
 
-    def _joins(self, place: Path) -> bool:
+    def _joins(self, out: Path) -> bool:
         """Return whether a node of this user and this run made a directory; an OSError passes."""
-        found = place.lstat()
-        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+        status = out.lstat()
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
             return False
-        self._describe(place)  # its maker may not have written it yet
-        return (place / RUN_FILE).read_bytes() == self._text.encode()
+        self._describe(out)  # its maker may not have written it yet
+        return (out / RUN_FILE).read_bytes() == self._text.encode()
 
 
 def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:

@@ -98,8 +98,8 @@ _MORE: Mapping[str, Mapping[str, Setting]] = {
 _TEAM = _OWN.pop("team")
 
 PARAMETERS = {
-    node: SettingTable({**own, **_MORE.get(node, {})}.values())
-    for node, own in _OWN.items()
+    node: SettingTable({**settings, **_MORE.get(node, {})}.values())
+    for node, settings in _OWN.items()
 }
 """The parameters of each node that runs alone, by the name of its executable."""
 
@@ -218,7 +218,7 @@ class ParameterNode(Node):
         self.add_on_set_parameters_callback(self._check_change)
 
     def destroy_node(self) -> None:
-        """As `Node`'s, after closing `at_end`; its executor may still call it once."""
+        """Close `at_end` and destroy the node; its executor may still call it once."""
         self.done = True
         self.at_end.close()
         super().destroy_node()
@@ -254,7 +254,7 @@ class ParameterNode(Node):
         return wrapped
 
     def create_service(self, srv_type, srv_name, callback, **more):
-        """As `Node`'s, with a guarded callback; rclpy's own ones refuse unreadable requests."""
+        """Offer a service, its callback guarded; rclpy's own ones refuse unreadable requests."""
         rclpys = ""
         if srv_type.__module__.startswith("rcl_interfaces."):
             rclpys = srv_name
@@ -263,7 +263,7 @@ class ParameterNode(Node):
         )
 
     def create_timer(self, timer_period_sec, callback, *args, **more):
-        """As `Node`'s, guarded, and on a steady clock: a /clock may stop."""
+        """Make a timer with a guarded callback, on a steady clock: a /clock may stop."""
         more.setdefault("clock", Clock(clock_type=ClockType.STEADY_TIME))
         return super().create_timer(
             timer_period_sec, self.guarded(callback), *args, **more
@@ -278,8 +278,8 @@ class ParameterNode(Node):
         """
 
         def answer(request: Any, response: Any) -> Any:
-            said = [request.data] if hasattr(request, "data") else []
-            response.success, response.message = do(*said)
+            value = [request.data] if hasattr(request, "data") else []
+            response.success, response.message = do(*value)
             return response
 
         self.create_service(message_class(service.type_name), service.of("~"), answer)
@@ -432,8 +432,8 @@ def _plain(parameter: Parameter) -> Any:
 
 def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of a node's own parameters; of the world, also the scenario's."""
-    own = {name: values[name] for name in PARAMETERS[node]}
-    return {**own, **_settings_in(values)} if node == WORLD else own
+    parameters = {name: values[name] for name in PARAMETERS[node]}
+    return {**parameters, **_settings_in(values)} if node == WORLD else parameters
 
 
 def team_values(values: Mapping[str, object]) -> dict[str, Any]:
@@ -461,7 +461,7 @@ def _as_parameter(value: object) -> bool | int | float | str:
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
     """Return the description of a parameter; a number's has its range."""
-    found = ParameterDescriptor(
+    descriptor = ParameterDescriptor(
         name=setting.name,
         description=setting.help,
         additional_constraints=f"allowed: {setting.allowed}",
@@ -470,16 +470,16 @@ def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
     bounds = (setting.low, setting.high)
     if setting.kind is float:
         # a whole number is a number: `param set rate 20`
-        found.dynamic_typing = True
+        descriptor.dynamic_typing = True
         if all(map(math.isfinite, bounds)):
             low, high = map(float, bounds)
-            found.floating_point_range = [
+            descriptor.floating_point_range = [
                 FloatingPointRange(from_value=low, to_value=high)
             ]
     elif setting.kind is int and all(map(math.isfinite, bounds)):
         low, high = map(int, bounds)
-        found.integer_range = [IntegerRange(from_value=low, to_value=high)]
-    return found
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+    return descriptor
 
 
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:

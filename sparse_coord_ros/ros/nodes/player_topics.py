@@ -70,11 +70,15 @@ class PlayedTopics:
         self._send = {
             name: publisher.publish for name, publisher in self.publishers.items()
         }
-        own = bag.clock
+        recorded_clock = bag.clock
         clock = ros_topics.CLOCK
-        self.clock_name = node.resolve_topic_name(clock.name) if own is None else own
+        self.clock_name = (
+            node.resolve_topic_name(clock.name)
+            if recorded_clock is None
+            else recorded_clock
+        )
         self.clock: Publisher | None = None
-        if own not in self.publishers or not bag.counts[own]:
+        if recorded_clock not in self.publishers or not bag.counts[recorded_clock]:
             self.clock = node.create_publisher(clock.type, clock.name, clock.qos)
         self._told_ns: int | None = None
 
@@ -113,12 +117,12 @@ def class_of(topic: BagTopic) -> type:
     if topic.encoding != "cdr":
         raise ValueError(f"its messages are {topic.encoding}, not cdr")
     try:
-        found: type = ros_topics.message_class(name)
+        message_type: type = ros_topics.message_class(name)
     except (ImportError, AttributeError, ValueError):
         raise ValueError(f"type {name} is not installed") from None
     if topic.type_hash and type_hash(name) not in ("", topic.type_hash):
         raise ValueError(f"type {name} is installed in another version")
-    return found
+    return message_type
 
 
 def offered_qos(profiles: Sequence[QoS]) -> QoSProfile:

@@ -57,7 +57,7 @@ class RobotTables(NamedTuple):
     """A message on a robot's tables, and its bytes."""
 
     robot: str
-    said: PublishedTables
+    published: PublishedTables
     data: bytes
 
 
@@ -92,14 +92,14 @@ class Recording:
         self.bag = bag
         self._report = node.reporter("bag")
         self.messages = messages_of(run)
-        self.now_ns = self.said_ns = 0
+        self.now_ns = self.status_ns = 0
         self.heard = self._flushed = time.monotonic()
         self.attempt = NO_ATTEMPT
         self.final: set[str] = set()
         self._near_ns = LAG_STEPS * self.messages.period
         self._count = self._steps = 0
         self._order = Order()
-        self._said = wire.RunState.WAITING.value
+        self._state = wire.RunState.WAITING.value
         self._begun: dict[str, str] = {}  # the attempts that the robots have begun
         # Messages count: the segment has begun, and no new order has come.
         self._open = False
@@ -119,7 +119,7 @@ class Recording:
         All robots have begun the attempt, and no messages are under way; or the world has gone on
         without some of them.
         """
-        if self._said not in (wire.RunState.WAITING, wire.RunState.RESUMING):
+        if self._state not in (wire.RunState.WAITING, wire.RunState.RESUMING):
             return True
         if self._late:
             self._late = False
@@ -136,7 +136,7 @@ class Recording:
             bag.begin_file()
         self.attempt = self._order.attempt
         step = self._order.checkpoint
-        self.now_ns = self.said_ns = step * self.messages.period
+        self.now_ns = self.status_ns = step * self.messages.period
         bag.add_metadata(RUN_RECORD, self.run.record())
         channel = self._channel(ros_topics.RUN, ros_topics.RUN.name)
         message = serialize_message(String(data=self.run.to_yaml()))
@@ -145,19 +145,21 @@ class Recording:
         self._newest_ns.clear()
         self._state_ns.clear()
         self._written.clear()
-        before = [one for one in self._node.checkpoints if one < step]
-        self._node.checkpoints = [*before, step]
+        earlier = [before for before in self._node.checkpoints if before < step]
+        self._node.checkpoints = [*earlier, step]
         attempt = self.attempt
-        self._tables = [one for one in self._tables if one.said.attempt == attempt]
+        self._tables = [
+            tables for tables in self._tables if tables.published.attempt == attempt
+        ]
         self._write_tables()
         self.flush()
 
     def hear_tables(self, robot: str, heard: tuple[PublishedTables, bytes]) -> None:
         """Keep a robot's tables until they are due."""
         self.heard = time.monotonic()
-        one = RobotTables(robot, *heard)
-        self._tables.append(one)
-        if one.said.occasion == wire.Occasion.FINAL:
+        tables = RobotTables(robot, *heard)
+        self._tables.append(tables)
+        if tables.published.occasion == wire.Occasion.FINAL:
             self.final.add(robot)
 
     def _write_tables(self, *, ending: bool = False) -> None:
@@ -173,16 +175,16 @@ class Recording:
         heard_ns = self._heard_ns
         due: list[RobotTables] = []
         waiting: list[RobotTables] = []
-        for one in self._tables:
-            said = one.said
-            complete = said.step * self.messages.period <= heard_ns
-            begins = said.occasion == wire.Occasion.BEGIN
+        for tables in self._tables:
+            published = tables.published
+            complete = published.step * self.messages.period <= heard_ns
+            begins = published.occasion == wire.Occasion.BEGIN
             # those of another attempt belong to an order that has not come yet
-            there = said.attempt == self.attempt and (complete or begins or ending)
-            (due if there else waiting).append(one)
+            there = published.attempt == self.attempt and (complete or begins or ending)
+            (due if there else waiting).append(tables)
         self._tables = waiting
-        for one in due:
-            self._write_down(one)
+        for tables in due:
+            self._write_down(tables)
         if due:
             self.flush()
 
@@ -193,17 +195,17 @@ class Recording:
         finally:
             self._node.say_progress(self.attempt, LEFT)
 
-    def _write_down(self, one: RobotTables) -> None:
+    def _write_down(self, tables: RobotTables) -> None:
         """Write a robot's tables, those of a time step only once."""
-        step = one.said.step
+        step = tables.published.step
         robots = self._written.setdefault(step, set())
-        if one.robot in robots:
+        if tables.robot in robots:
             return
-        robots.add(one.robot)
+        robots.add(tables.robot)
         topic = ros_topics.TABLES
-        channel = self._channel(topic, topic.of(one.robot))
+        channel = self._channel(topic, topic.of(tables.robot))
         at = step * self.messages.period
-        self.bag.write(channel, one.data, at, at)
+        self.bag.write(channel, tables.data, at, at)
 
     def _note_checkpoints(self) -> None:
         """Note the time steps with the tables of all robots that have any."""
@@ -215,9 +217,9 @@ class Recording:
     def _later(self, at: int, name: str) -> int:
         """Advance to a message's time and return it; outside the run's time, the newest stamp."""
         now = self.now_ns
-        if at < 0 or at > max(now, self.said_ns) + self._near_ns:
-            said = f"stamp {at // SECOND} s {at % SECOND} ns"
-            why = f"{said} is not of the run's time {now / SECOND:g} s"
+        if at < 0 or at > max(now, self.status_ns) + self._near_ns:
+            stamp = f"stamp {at // SECOND} s {at % SECOND} ns"
+            why = f"{stamp} is not of the run's time {now / SECOND:g} s"
             self._node.subscriber.drop(name, why, "message recorded at the run's time")
             return now
         self.now_ns = at
@@ -278,8 +280,8 @@ class Recording:
                 ros_topics.PROGRESS, begun, robot.name, read=read_progress
             )
 
-    def _on_progress(self, robot: str, said: Progress) -> None:
-        self._begun[robot] = said.attempt
+    def _on_progress(self, robot: str, progress: Progress) -> None:
+        self._begun[robot] = progress.attempt
 
     def _channel(self, topic: ros_topics.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
@@ -345,7 +347,9 @@ class Recording:
     def _of_this_namespace(self, data: bytes) -> bool:
         """Return whether diagnostics are of nodes in this node's namespace."""
         space = self._node.get_namespace().strip("/")
-        names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
+        names = (
+            status.name for status in deserialize_message(data, DiagnosticArray).status
+        )
         spaces = {
             name.partition(":")[0].strip("/").rpartition("/")[0] for name in names
         }
@@ -353,16 +357,16 @@ class Recording:
 
     # The methods of a follower of a run.
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Note the world's order, its state and its time."""
-        self._said = said.state
-        if said.order != self._order:
-            self._order = said.order
+        self._state = status.state
+        if status.order != self._order:
+            self._order = status.order
             self._open = False
             if self.attempt != NO_ATTEMPT:
                 self._quiet_since = time.monotonic()
-        sec, nanosec = self.messages.stamp(said.step)
-        self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
+        sec, nanosec = self.messages.stamp(status.step)
+        self.status_ns = max(self.status_ns, sec * SECOND + nanosec)
 
     def go_on(self, now: float) -> None:
         """Begin a segment where it is due; note new messages, flush waiting ones."""
@@ -478,7 +482,7 @@ class Recorder(Follower):
                 self.direct.close()
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
-            self.say_progress(self.found.attempt, LEFT)  # nobody waits for it
+            self.say_progress(self.order_before.attempt, LEFT)  # nobody waits for it
             self.get_logger().error(f"{error}; the run continues without a recording")
 
     def may_begin(self, now: float) -> bool:
@@ -492,7 +496,7 @@ class Recorder(Follower):
         with the order that stands.
         """
         self._progress = self.announce(ros_topics.PROGRESS, RECORDER)
-        self._known = self.found.attempt if run.recorded else NO_ATTEMPT
+        self._known = self.order_before.attempt if run.recorded else NO_ATTEMPT
         self._earlier = continued(self.directory)
         if self._earlier is not None:
             log = read_run(self.directory)
@@ -515,15 +519,15 @@ class Recorder(Follower):
         """Tell the world the checkpoints in the bag, the attempt, and how far it is written."""
         if written is None:
             written = 0 if self.recording is None else self.recording.written
-        said = Progress(tuple(self.checkpoints), attempt, written)
-        self._progress.publish(status(RECORDER, "progress", said.values()))
+        progress = Progress(tuple(self.checkpoints), attempt, written)
+        self._progress.publish(status(RECORDER, "progress", progress.values()))
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Open the bag with the world's order to begin."""
         if self.error is not None:
-            self.say_progress(said.order.attempt, LEFT)
+            self.say_progress(status.order.attempt, LEFT)
             return
-        if said.order.attempt in (NO_ATTEMPT, self._known):
+        if status.order.attempt in (NO_ATTEMPT, self._known):
             return
         assert self.run is not None
         bag = (BagWriter if self.direct is None else BagProcess)(
@@ -535,13 +539,13 @@ class Recorder(Follower):
         self.reminder.over()
         self.part = self.recording = Recording(self, self.run, bag)
         self.recording.listen()
-        self.recording.world_said(said)
+        self.recording.world_said(status)
         self._recording_publisher.publish(String(data=str(self.directory)))
         again = "" if self._earlier is None else ", in a further file of this bag"
         self.get_logger().info(f"records {self.run.scenario.name} from now on{again}")
 
     def may_stop(self) -> bool:
-        """As `Follower`'s, but with a time limit if other nodes continue to publish."""
+        """Return whether the last messages have come; other nodes may publish without end."""
         now = time.monotonic()
         return (
             super().may_stop() or now - (self._stopping or now) > LAST_MESSAGES_SECONDS

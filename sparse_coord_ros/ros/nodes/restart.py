@@ -70,11 +70,11 @@ class Restart(WorldAttempts):
         self._side.start()
         self._changed()
 
-    def _on_progress(self, name: str, said: Progress) -> None:
+    def _on_progress(self, name: str, progress: Progress) -> None:
         """Read a node's report; a new process under way needs an order."""
-        self.hear(name, said)
+        self.hear(name, progress)
         under_way = self.order.attempt != NO_ATTEMPT and not self._side.finished
-        if under_way and said.attempt == NO_ATTEMPT:
+        if under_way and progress.attempt == NO_ATTEMPT:
             self._came_back(name)
         self._output.store.forget_before(self.oldest)
 

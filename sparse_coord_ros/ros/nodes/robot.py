@@ -122,8 +122,8 @@ class RobotNode(Follower):
         names = run.scenario.names
         self._number = robot_number(run, name, HOW_TO_NAME.format(names[0]))
         self._messages = messages_of(run)
-        own = [robot_file(Path(), name).name, TEAM_FILE]
-        self.output = Output(self, name, run, own)
+        files = [robot_file(Path(), name).name, TEAM_FILE]
+        self.output = Output(self, name, run, files)
         self._action = self.announce(ros_topics.ACTION, name)
         self._percept = self.announce(ros_topics.PERCEPT, name)
         self._map_publisher = self.announce(ros_topics.COORDINATION_MAP, name)
@@ -133,7 +133,7 @@ class RobotNode(Follower):
         fresh = partial(self._fresh_agent, run)
         self.lockstep = RobotSide(run, fresh(), self)
         self._attempts = RobotAttempts(
-            self.lockstep, self.output.store, fresh, self.found.attempt
+            self.lockstep, self.output.store, fresh, self.order_before.attempt
         )
         self._asking = b""
         self.peers = Peers(self, run, self._messages, self.lockstep)
@@ -168,12 +168,12 @@ class RobotNode(Follower):
         """True if the robot has had an order to begin."""
         return self.presence is not None and self._attempts.attempt != NO_ATTEMPT
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Read the world's status: its order to begin, and the next checkpoint by time."""
-        self.lockstep.save_at = said.save_at
-        if self._attempts.obey(said.order):
-            self._begin_attempt(said.order.checkpoint)
-        self.output.store.forget_before(said.oldest)
+        self.lockstep.save_at = status.save_at
+        if self._attempts.obey(status.order):
+            self._begin_attempt(status.order.checkpoint)
+        self.output.store.forget_before(status.oldest)
 
     def _begin_attempt(self, step: int) -> None:
         """Begin at a checkpoint; the world waits until all listen again."""
@@ -328,8 +328,10 @@ class RobotNode(Follower):
         """Write the tables and return their path; None: the parameter `out` is not set."""
         packed = self._packed()
         name = self._name
-        place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
-        return None if place is None else robot_file(place, name)
+        folder = self.output.save(
+            lambda out: write_whole(robot_file(out, name), packed)
+        )
+        return None if folder is None else robot_file(folder, name)
 
     def _packed(self) -> bytes:
         """Return the current memory and counts as bytes."""

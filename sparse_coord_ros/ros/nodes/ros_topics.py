@@ -37,8 +37,8 @@ def message_class(type_name: str) -> Any:
     """Return the class of a type such as `std_msgs/msg/String`, or of a service or its events."""
     package, kind, name = type_name.split("/")
     base, _, part = name.partition("_")
-    found = getattr(importlib.import_module(f"{package}.{kind}"), base)
-    return getattr(found, part) if part else found
+    plain = getattr(importlib.import_module(f"{package}.{kind}"), base)
+    return getattr(plain, part) if part else plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ def __getattr__(name: str) -> RosTopic:
 def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
     """Return the topics of an owner that a recorder records."""
     return tuple(
-        bind(one) for one in wire.TOPICS if one.recorded and one.owner == owner
+        bind(topic) for topic in wire.TOPICS if topic.recorded and topic.owner == owner
     )
 
 

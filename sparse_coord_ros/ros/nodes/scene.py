@@ -80,16 +80,16 @@ class Scene:
         """
         plate = (0.9, 0.05)
         disc = (0.9, 0.04)
-        found = []
+        shapes = []
         for number, cell in enumerate(sorted(self.messages.grid.doorways)):
             colour = (DOORWAY_COLOUR, 0.3)
-            found.append(
+            shapes.append(
                 self._shape(DOORWAYS, number, Marker.CUBE, cell, plate, colour)
             )
         for k, goal in enumerate(goals):
             colour = (robot_colour(k), 0.8)
-            found.append(self._shape(GOALS, k, Marker.CYLINDER, goal, disc, colour))
-        return MarkerArray(markers=found)
+            shapes.append(self._shape(GOALS, k, Marker.CYLINDER, goal, disc, colour))
+        return MarkerArray(markers=shapes)
 
     def scene(self, actions: Mapping[int, Acted]) -> MarkerArray:
         """Return markers of robots, names, questions in the actions, and robots in doorways.
@@ -97,19 +97,19 @@ class Scene:
         Args:
             actions: the newest action of each robot; only questions of the step before are shown.
         """
-        found = []
+        shapes = []
         for k, name in enumerate(self.messages.names):
             ball = (0.5, 0.5)
             colour = (robot_colour(k), 0.8)
-            found += [
+            shapes += [
                 self._shape(ROBOTS, k, Marker.SPHERE, self.cells[k], ball, colour),
                 self._text(ROBOT_NAMES, k, name, 0.38),
                 *self._question(k, actions.get(k)),
             ]
         inside = Counter(self.cells)
         for number, cell in enumerate(sorted(self.messages.grid.doorways)):
-            found.append(self._doorway(number, cell, inside[cell]))
-        return MarkerArray(markers=found)
+            shapes.append(self._doorway(number, cell, inside[cell]))
+        return MarkerArray(markers=shapes)
 
     def _marker(
         self,
@@ -183,7 +183,7 @@ class Scene:
         """Return the asked peer (from 0, -1: all) and the percept's end; None: no question."""
         if not action.asked or step < self.step - 1:
             return None
-        end = PerceptEnd.said(report.percept)
+        end = PerceptEnd.from_number(report.percept)
         if action.perceived:
             end = PerceptEnd.ANSWERED
         return action.peer, FAILED if end is None else end.outcome

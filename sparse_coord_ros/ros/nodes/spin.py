@@ -136,8 +136,8 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
         none = SignalHandlerOptions.NO
         rclpy.init(args=words, context=context, signal_handler_options=none)
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
-        said = errors.message_of(error)
-        what = OF_RCL.sub("", said.rpartition("failed to initialize rcl: ")[2])
+        problem = errors.message_of(error)
+        what = OF_RCL.sub("", problem.rpartition("failed to initialize rcl: ")[2])
         what = what.removeprefix("Failed to parse ROS arguments: ")
         raise errors.RunError(f"ROS: {what.rstrip(' .')}; {ARGUMENTS}") from None
     try:

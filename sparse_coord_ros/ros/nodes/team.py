@@ -91,33 +91,33 @@ def run_team(
     if not holds_run(values["out"]):
         create_output(out)
     direct = DirectRecording() if values["record"] else None
-    place: dict[str, Any] = {
+    shared: dict[str, Any] = {
         "context": context,
         "namespace": namespace,
         "direct": direct,
     }
-    place["shared_clients"] = {}
-    place["shared_states"] = {name: {} for name in run.scenario.names}
+    shared["shared_clients"] = {}
+    shared["shared_states"] = {name: {} for name in run.scenario.names}
     nodes: list[ParameterNode] = []
     recorder = None
     with ending(nodes, lambda: gather(out, run.scenario, interrupted=True)):
         if values["record"]:
-            own = of_node(RECORDER, values)
+            recorders = of_node(RECORDER, values)
             recorder = Recorder(
-                values={**own, "out": str(out / BAG_DIRECTORY)}, **place
+                values={**recorders, "out": str(out / BAG_DIRECTORY)}, **shared
             )
             nodes.append(recorder)
         values["out"] = str(out)
-        world = WorldSimulator(values=of_node(WORLD, values), **place)
+        world = WorldSimulator(values=of_node(WORLD, values), **shared)
         nodes.append(world)
-        own = of_node("robot", values)
+        robots_values = of_node("robot", values)
         for name in run.scenario.names:
-            nodes.append(RobotNode(name=name, values=own, **place))
+            nodes.append(RobotNode(name=name, values=robots_values, **shared))
         if page is not None:
             from sparse_coord_ros.ros.nodes.watch import InsideWatch
 
             robots = [node for node in nodes if isinstance(node, RobotNode)]
-            nodes.append(InsideWatch(page, world, robots, values={}, **place))
+            nodes.append(InsideWatch(page, world, robots, values={}, **shared))
         interrupted = _spin(nodes, context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)

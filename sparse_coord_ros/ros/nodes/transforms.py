@@ -84,15 +84,19 @@ class HeardTransforms:
 
         None: the message has no transform between them, or other transforms are still missing.
         """
-        for one in message.transforms:
-            place = one.transform.translation
-            turn = one.transform.rotation
-            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
-            seconds = None if static else seconds_of(one.header)
-            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
-        found = self._tree.find(self._parent, self._child)
-        heard = {one.child_frame_id.lstrip("/") for one in message.transforms}
-        return found if heard.intersection(self._tree.way) else None
+        for transform in message.transforms:
+            shift = transform.transform.translation
+            turn = transform.transform.rotation
+            pose = Pose(shift.x, shift.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
+            seconds = None if static else seconds_of(transform.header)
+            self._tree.hear(
+                transform.header.frame_id, transform.child_frame_id, pose, seconds
+            )
+        seen = self._tree.find(self._parent, self._child)
+        heard = {
+            transform.child_frame_id.lstrip("/") for transform in message.transforms
+        }
+        return seen if heard.intersection(self._tree.way) else None
 
 
 class TransformPublisher:

@@ -178,19 +178,23 @@ class InsideWatch(ParameterNode):
         """Receive each transition from the world's side of the lock step."""
         ends: list[PerceptEnd | None] = []
         if any(
-            one is not None and one.asked and not one.perceived for one in seen.actions
+            action is not None and action.asked and not action.perceived
+            for action in seen.actions
         ):
-            said = [
-                None if one is None else one.self_report_of(seen.step)
-                for one in self._sides()
+            reports = [
+                None if side is None else side.self_report_of(seen.step)
+                for side in self._sides()
             ]
             ends = [
-                None if one is None else PerceptEnd.said(one.percept) for one in said
+                None if report is None else PerceptEnd.from_number(report.percept)
+                for report in reports
             ]
         self._view.take(seen._replace(ends=ends))
 
     def _sides(self) -> list[RobotSide | None]:
-        return [None if one.presence is None else one.lockstep for one in self._robots]
+        return [
+            None if robot.presence is None else robot.lockstep for robot in self._robots
+        ]
 
     def _tick(self) -> None:
         self._controls.call()
@@ -314,15 +318,15 @@ class WatchNode(Follower):
         self.presence = None
         return run
 
-    def world_said(self, said: RunStatus) -> None:
+    def world_said(self, status: RunStatus) -> None:
         """Show the world's state, and compare the received messages with it."""
-        self._transitions = said.transitions
+        self._transitions = status.transitions
         view = self.team.view
-        if view.state != said.state:
-            stopped = said.state == wire.RunState.STOPPED
+        if view.state != status.state:
+            stopped = status.state == wire.RunState.STOPPED
             view.notice(STOPPED_NOTICE if stopped else "")
-        view.state = said.state
-        self.team.compare(said)
+        view.state = status.state
+        self.team.compare(status)
 
     def go_on(self, now: float) -> None:
         """Show new transitions."""
@@ -359,13 +363,13 @@ class _Heard:
 
     Attributes:
         cells: the local states.
-        said: the actions, with how their percepts ended.
+        actions: the actions, with how their percepts ended.
         rewards: the rewards.
         since: the tick of the node at which the first local state came.
     """
 
     cells: dict[int, int] = field(default_factory=dict)
-    said: dict[int, tuple[Action, PerceptEnd | None]] = field(default_factory=dict)
+    actions: dict[int, tuple[Action, PerceptEnd | None]] = field(default_factory=dict)
     rewards: dict[int, Reward] = field(default_factory=dict)
     since: int = 0
 
@@ -385,6 +389,7 @@ class HeardTeam:
         without: (robot, step) pairs without the robot's action although it had not arrived.
         whole: whether, as far as known, no message was missed since the run's first time step.
         tables: the newest announced tables of each robot, with their time step.
+        pending: the messages that are not processed yet, by time step.
     """
 
     def __init__(self, node: ParameterNode, run: RunConfig, view: LiveView) -> None:
@@ -398,10 +403,10 @@ class HeardTeam:
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
         view.known = view.newest = self.tables
-        self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
+        self.pending: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._newest: int | None = None
         self._last_made: int | None = None
-        self._said: RunStatus | None = None
+        self._status: RunStatus | None = None
         messages = messages_of(run)
         steps = (
             (ros_topics.LOCAL_STATE, messages.unpack_state, self._on_state),
@@ -423,26 +428,21 @@ class HeardTeam:
             )
             self._subscriptions.append(heard)
 
-    @property
-    def pending(self) -> list[int]:
-        """The time steps with messages that are not processed yet."""
-        return list(self._steps)
-
     def leave(self) -> None:
         """Destroy the subscriptions."""
         for subscription in self._subscriptions:
             self._node.subscriber.leave(subscription)
 
     def _on_action(self, k: int, step: int, action: Action, report: SelfReport) -> None:
-        self._steps[step].said[k] = action, PerceptEnd.said(report.percept)
+        self.pending[step].actions[k] = action, PerceptEnd.from_number(report.percept)
         self.catch_up()
 
     def _on_reward(self, k: int, step: int, reward: Reward) -> None:
-        self._steps[step].rewards[k] = reward
+        self.pending[step].rewards[k] = reward
         self.catch_up()
 
     def _on_state(self, k: int, step: int, cell: int) -> None:
-        if not self._steps[step].cells:
+        if not self.pending[step].cells:
             if self._newest is None and step != FIRST_STEP:
                 self._lack(
                     f"heard from time step {step} on: the curves lack earlier episodes"
@@ -454,13 +454,13 @@ class HeardTeam:
                     "taken back"
                 )
             self._newest = step
-            self._steps[step].since = self._ticks
-        self._steps[step].cells.setdefault(k, cell)
+            self.pending[step].since = self._ticks
+        self.pending[step].cells.setdefault(k, cell)
         self.catch_up()
 
-    def compare(self, said: RunStatus) -> None:
+    def compare(self, status: RunStatus) -> None:
         """Compare the received messages with the world's counts, as soon as possible."""
-        self._said = said
+        self._status = status
         self.catch_up()
 
     def tick(self) -> None:
@@ -475,7 +475,7 @@ class HeardTeam:
         state: they have other topics.
         """
         while known := sorted(
-            step for step, heard in self._steps.items() if heard.cells
+            step for step, heard in self.pending.items() if heard.cells
         ):
             self._check(known[0])
             if len(known) == 1 or not self._settle(*known[:2]):
@@ -487,14 +487,14 @@ class HeardTeam:
 
         `after` is the next received time step; a gap between them means that an episode ended.
         """
-        here = self._steps[step]
-        then = self._steps[after]
+        here = self.pending[step]
+        then = self.pending[after]
         late = self._ticks - then.since > LATE_TICKS
         if after != step + 1:
-            return late or not here.said
+            return late or not here.actions
         known = len(here.cells) == len(then.cells) == len(self._goals)
         acting = {k for k, cell in here.cells.items() if cell != self._goals[k]}
-        acted = here.said.keys() & here.rewards.keys()
+        acted = here.actions.keys() & here.rewards.keys()
         if not late and not (known and acting <= acted):
             return False
         if known and acted:
@@ -507,11 +507,11 @@ class HeardTeam:
 
     def _check(self, step: int) -> None:
         """Compare with the world's counts, if they are for the first unprocessed time step."""
-        said = self._said
-        if said is None or said.step != step:
+        status = self._status
+        if status is None or status.step != step:
             return
-        self._said = None
-        if (self.seen, self.without) != (said.transitions, said.left_out):
+        self._status = None
+        if (self.seen, self.without) != (status.transitions, status.left_out):
             self._lack_of(step)
 
     def _lack_of(self, step: int) -> None:
@@ -527,8 +527,8 @@ class HeardTeam:
 
     def _forget(self, until: int) -> None:
         """Drop all messages of time steps up to one."""
-        for old in [step for step in self._steps if step <= until]:
-            del self._steps[old]
+        for old in [step for step in self.pending if step <= until]:
+            del self.pending[old]
 
     def _begin_where_due(self, step: int) -> None:
         """Begin an episode if a time step does not continue the one before."""
@@ -540,9 +540,9 @@ class HeardTeam:
         self, step: int, here: _Heard, then: _Heard, acted: Set[int]
     ) -> None:
         robots = range(len(self._goals))
-        said = [here.said[k] if k in acted else (None, None) for k in robots]
+        acts = [here.actions[k] if k in acted else (None, None) for k in robots]
         rewards = [here.rewards.get(k) for k in robots]
-        actions, ends = zip(*said, strict=True)
+        actions, ends = zip(*acts, strict=True)
         after = tuple(then.cells[k] for k in robots)
         cells = tuple(here.cells[k] for k in robots)
         met = miscoordinates(self._interactions, cells, after)
@@ -556,15 +556,15 @@ class HeardTeam:
 
     def _read_tables(self, k: int, message: UInt8MultiArray) -> tuple[int, Tables]:
         """Return a robot's tables in a message, and their time step."""
-        said = read_tables(message)
-        [saved] = unpack_saved(said.packed, [k + 1], where=ros_topics.TABLES.name)
+        published = read_tables(message)
+        [saved] = unpack_saved(published.packed, [k + 1], where=ros_topics.TABLES.name)
         run = self._run
         tables = tables_of(run.scenario, run.known_rule, k, saved.memory)
-        return said.step, tables
+        return published.step, tables
 
-    def _on_tables(self, k: int, said: tuple[int, Tables]) -> None:
-        if k not in self.tables or said[0] >= self.tables[k][0]:
-            self.tables[k] = said
+    def _on_tables(self, k: int, dated: tuple[int, Tables]) -> None:
+        if k not in self.tables or dated[0] >= self.tables[k][0]:
+            self.tables[k] = dated
 
 
 def main() -> int:

@@ -258,8 +258,8 @@ class WorldSimulator(ParameterNode):
         """Offer the services and publish the run."""
         self.subscriber.leave(self._others)
         robots = [robot_file(Path(), name).name for name in self._names]
-        own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
-        self._output = Output(self, WORLD, self.run, own)
+        files = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
+        self._output = Output(self, WORLD, self.run, files)
         self.restart = Restart(self.run, self.lockstep, self._output, self._on_restart)
         self.offer(services.PAUSE, self._on_pause)
         self.offer(services.RESET, self._on_reset)

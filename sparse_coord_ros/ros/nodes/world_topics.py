@@ -108,7 +108,11 @@ class WorldTopics:
         missing = []
         for k, (name, action) in enumerate(zip(self._names, self.actions, strict=True)):
             heard = [self.rewards[k], self.states[k]]
-            ends = [one.topic_name for one in heard if not heard_by(one, name)]
+            ends = [
+                publisher.topic_name
+                for publisher in heard
+                if not heard_by(publisher, name)
+            ]
             lacks = [f"a subscription to {topic}" for topic in ends]
             if action.get_publisher_count() == 0:
                 lacks.append(f"a publisher of {action.topic_name}")
@@ -116,8 +120,10 @@ class WorldTopics:
                 missing.append(
                     f"{name} (it lacks {lacks[0]})" if len(lacks) == 1 else name
                 )
-        said = [*self.states, *self.rewards]
-        if self._run.recorded and not all(heard_by(one, RECORDER) for one in said):
+        recorded = [*self.states, *self.rewards]
+        if self._run.recorded and not all(
+            heard_by(publisher, RECORDER) for publisher in recorded
+        ):
             missing.append(RECORDER)
         return missing
 
@@ -141,7 +147,7 @@ class WorldTopics:
     def say(self, state: str, side: WorldSide, order: Order, oldest: int) -> None:
         """Publish the status: the world's state, its progress, and the order to begin."""
         game = self._game
-        said = RunStatus(
+        run_status = RunStatus(
             run=self._run.id,
             state=state,
             step=game.step,
@@ -152,7 +158,7 @@ class WorldTopics:
             oldest=oldest,
             save_at=side.save_at,
         )
-        message = status(self._run.scenario.name, state, said.values())
+        message = status(self._run.scenario.name, state, run_status.values())
         self._status_publisher.publish(message)
 
     def show_floor(self) -> None:

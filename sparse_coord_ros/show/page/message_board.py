@@ -41,7 +41,7 @@ class MessageBoard:
             self._messages[kind] = (self._version, {"type": kind, **fields})
 
     def put_new(self, kind: str, **fields: Any) -> None:
-        """As `put`, if anything differs from the message before."""
+        """Put a message, if anything differs from the one before of its type."""
         if self.get(kind) != {"type": kind, **fields}:
             self.put(kind, **fields)
 

@@ -38,12 +38,6 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 with packages_needed():
     from aiohttp import WSMsgType, http_exceptions, web
 
-MOST_PAGES = 32
-"""Of more pages those give way that have not shown the token, the oldest first."""
-
-MOST_OTHERS = 64
-"""Of more connections that are no page's, half-sent requests among them, the oldest are closed."""
-
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
 
@@ -111,8 +105,6 @@ class Page:
         self.boards = boards
         self._index = index
         self.token = secrets.token_urlsafe(18)
-        self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
-        self.streams: set[asyncio.BaseProtocol] = set()
         self._local = is_loopback(host)
         self._names = {"localhost", host.lower()}
         if not self._local:
@@ -188,42 +180,23 @@ class Page:
         wanted = request.query.get("run", "0")
         number = int(wanted) if wanted.isdecimal() and len(wanted) < 3 else 0
         board = self.boards[min(number, len(self.boards) - 1)]
-        if self.pages >= MOST_PAGES and not self._guests:
-            raise web.HTTPServiceUnavailable(
-                text=f"refused: {MOST_PAGES} pages are open\n"
-            )
         # Not compressed: the page is near, and a team in this process would pay for it.
         stream = web.WebSocketResponse(
             max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
         )
         await stream.prepare(request)
-        if self.pages >= MOST_PAGES:
-            self._guests.pop(next(iter(self._guests))).abort()
-        assert request.transport is not None
-        self._guests[stream] = request.transport
-        self.streams.add(request.protocol)
         board.pages += 1
         sender = asyncio.create_task(self._send(stream, board))
         try:
             async for message in stream:
                 if message.type is not WSMsgType.ERROR:
-                    answer = self._answer(board, message.data)
-                    if answer.get("control"):
-                        self._guests.pop(stream, None)
-                    await stream.send_json(answer)
+                    await stream.send_json(self._answer(board, message.data))
         finally:
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
                 await sender
             board.pages -= 1
-            self._guests.pop(stream, None)
-            self.streams.discard(request.protocol)
         return stream
-
-    @property
-    def pages(self) -> int:
-        """How many pages are open."""
-        return sum(board.pages for board in self.boards)
 
     async def _send(self, stream: web.WebSocketResponse, board: MessageBoard) -> None:
         """Send the messages that are new to the page; a slow page misses some.
@@ -391,20 +364,8 @@ class Server:
             self.page.app, access_log=None, logger=LOGGER, shutdown_timeout=0.1
         )
         await runner.setup()
-        serving = runner.server
-        assert serving is not None
-
-        def connection() -> asyncio.BaseProtocol:
-            others = [
-                other for other in serving.connections if other not in self.page.streams
-            ]
-            for other in others[:-MOST_OTHERS]:
-                other.force_close()
-            return serving()
-
-        door = await self._loop.create_server(connection, sock=self._listening)
+        await web.SockSite(runner, self._listening).start()
         await self._stop.wait()
-        door.close()
         await runner.cleanup()
 
 

@@ -10,7 +10,6 @@ import socket
 import struct
 import threading
 import time
-from contextlib import ExitStack, suppress
 from importlib import resources
 from types import SimpleNamespace
 
@@ -39,8 +38,6 @@ from sparse_coord_ros.show.page.message_board import MessageBoard
 from sparse_coord_ros.show.page.server import (
     LARGEST_MESSAGE,
     LOGGER,
-    MOST_OTHERS,
-    MOST_PAGES,
     TYPES,
     Page,
     Server,
@@ -298,34 +295,6 @@ async def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it(client, page)
     await slow.close()
 
 
-@served
-async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
-    """The oldest first; where all have shown it, a new one is refused."""
-    streams = [await client.ws_connect("/ws") for _ in range(MOST_PAGES)]
-    known = streams[:2]
-    hello = {"token": "secret", "do": "hello"}
-    for stream in known:
-        await stream.send_json(hello)
-        while not (await next_of(stream, "hello"))["control"]:
-            pass
-    streams.append(await client.ws_connect("/ws"))
-    await next_of(streams[-1], "run")
-    while (
-        await streams[2].receive(timeout=PATIENCE_SECONDS)
-    ).type is aiohttp.WSMsgType.TEXT:
-        pass
-    assert streams[2].closed and page.boards[0].pages == MOST_PAGES
-    assert not any(stream.closed for stream in (*known, streams[3], streams[-1]))
-    for stream in streams[3:]:
-        await stream.send_json(hello)
-        while not (await next_of(stream, "hello"))["control"]:
-            pass
-    with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
-        await client.ws_connect("/ws")
-    for stream in streams:
-        await stream.close()
-
-
 @pytest.mark.parametrize(
     "request_",
     [
@@ -383,33 +352,6 @@ def test_a_page_that_is_closed_while_it_is_answered_prints_nothing(caplog):
     finally:
         server.close()
     assert caplog.records == []
-
-
-def test_half_sent_requests_use_up_nothing():
-    """Each holds a descriptor of the team's process, which then could not save its tables."""
-    server = Server(board(), port=0)
-    page = STREAM
-    try:
-        with ExitStack() as stack:
-
-            def sent(request):
-                one = socket.create_connection(
-                    ("127.0.0.1", server.port), timeout=PATIENCE_SECONDS
-                )
-                stack.enter_context(one).sendall(request)
-                return one
-
-            shown = sent(page)
-            assert shown.recv(12) == b"HTTP/1.1 101"
-            half = [sent(page[:9]) for _ in range(3 * MOST_OTHERS)]
-            assert sent(page).recv(12) == b"HTTP/1.1 101"  # so all before it are known
-            sent(page[:9])
-            for one in half[:MOST_OTHERS]:
-                with suppress(ConnectionResetError):  # so it may end, too
-                    assert one.recv(1) == b""
-            assert shown.recv(1)
-    finally:
-        server.close()
 
 
 def test_the_server_has_a_thread_and_a_port_of_its_own():
