@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.base.dataframes import data_frame
 from sparse_coord_ros.base.errors import (
+    RunError,
     SparseCoordError,
     TablesError,
     check_argument,
@@ -208,8 +209,12 @@ class Runs(list[Training]):
         each with its standard error over the runs, `<name>_error`.
 
         Raises:
-            RunError: pandas is not installed.
+            RunError: pandas is not installed, or there are no episodes.
         """
+        if not any(run.history.episodes for run in self):
+            raise RunError(
+                "the runs have no learning history; give train_many(history=True)"
+            )
         curves = mean_curves([run.history for run in self], self[0].scenario.steps)
         return data_frame(curves)
 
@@ -223,18 +228,20 @@ class Runs(list[Training]):
 
         Raises:
             SettingError: there is no such curve.
+            RunError: as `history`.
         """
         with packages_needed():
             from sparse_coord_ros.show.figures import curves_figure
         names = [names] if isinstance(names, str) else names
         for name in names:
             check_choice("curve", name, CURVES)
+        curves = self.history
         first = self[0]
         game = f"{first.scenario.name}, penalty {first.scenario.penalty:g}"
         title = (
             f"{first.learner.label}, {game}: {len(self)} runs; band: a standard error"
         )
-        return curves_figure(self.history, names, title)
+        return curves_figure(curves, names, title)
 
 
 LEARNED_ARGUMENT = "what was learned"
@@ -578,7 +585,7 @@ def sweep(
 
 
 def plot(
-    results: ResultsLike, x: str = "", measures: Sequence[str] = ("returns",)
+    results: ResultsLike, x: str = "", measures: str | Sequence[str] = ("returns",)
 ) -> "Figure":
     """Draw learners against a setting, beside their reference values.
 
@@ -590,14 +597,15 @@ def plot(
     Args:
         results: of `sweep` or `run_experiment`.
         x: the setting; empty: the first that has several values.
-        measures: of `returns`, `time_to_goal`, `asks`, `miscoordinations`, `loss` (against
-            robots alone) and `variance` (of the return): a line of panels each.
+        measures: some, or one, of `returns`, `time_to_goal`, `asks`, `miscoordinations`, `loss`
+            (against robots alone) and `variance` (of the return): a line of panels each.
 
     Raises:
         SettingError: there is no result, `x` has only one value, or the measure is unknown.
     """
     with packages_needed():
         from sparse_coord_ros.studies.experiment_figures import swept_figure
+    measures = [measures] if isinstance(measures, str) else measures
     return swept_figure(listed(results), x, measures)
 
 

@@ -3,9 +3,11 @@
 """`sparse_coord animate`: an episode as an animated GIF."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.computing import Bar, read_bag
 from sparse_coord_ros.cli.options import ALLOW, JSON, SEED, Option, note
 from sparse_coord_ros.core.game.settings import Setting
 
@@ -51,7 +53,8 @@ def execute(options: argparse.Namespace) -> None:
         from sparse_coord_ros.show.steps import questions_of
 
         wanted = episode_number(options.episode)
-        shown = open_run(options.source, note)
+        read = partial(read_bag, quiet=options.json)
+        shown = open_run(options.source, note, read)
         scenario = shown.config.scenario
         if options.greedy or shown.bag is None:
             note("playing greedy episodes on the learned tables")
@@ -72,7 +75,10 @@ def execute(options: argparse.Namespace) -> None:
         kind = "greedy episode" if episode.greedy else "episode"
         note(f"drawing {kind} {episode.number}, {steps} steps")
         title = f"{scenario.name}, {kind} {episode.number}"
-        data = film.film(scenario, episode, title=title, rate=options.rate)
+        with Bar("steps", "drawing", quiet=options.json) as bar:
+            data = film.film(
+                scenario, episode, title=title, rate=options.rate, progress=bar.show
+            )
     facts = {
         "episode": episode.number,
         "greedy": episode.greedy,

@@ -6,12 +6,16 @@ import argparse
 import threading
 import time
 from contextlib import ExitStack
-from typing import Any, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
 
 from sparse_coord_ros.base.progress import MovingLine
 from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.core.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.core.engine.cluster import JOBS
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.log.runlog import RunLog
 
 COMPUTING = (
     Option(
@@ -56,6 +60,14 @@ def note_without_numba() -> None:
 FIRST_SECONDS = 1.5
 LINE_SECONDS = 15.0
 """Seconds of work until the first line on it, and between two lines."""
+
+
+def read_bag(path: Path, *, quiet: bool) -> "RunLog":
+    """Read a run's log, with progress on stderr unless it is to be quiet; errors: `read_run`."""
+    from sparse_coord_ros.log.runlog import read_run
+
+    with Bar("kB", "reading the bag", quiet=quiet) as bar:
+        return read_run(path, bar.show)
 
 
 class Bar(ExitStack):

@@ -103,11 +103,15 @@ def execute(options: argparse.Namespace) -> None:
 
 
 def _complete(result: Evaluated) -> None:
-    """Add the result to the summary of nodes that were started by hand, which lacks it."""
+    """Add the result to the summary of a finished run that lacks it.
+
+    It is one of nodes that were started by hand, or of `train --trials 0`.
+    """
     directory, run, measures = result
-    if _made_all_steps(directory, run) and not isinstance(
-        _summary(directory).get("result"), dict
-    ):
+    summary = _summary(directory)
+    made = summary.get("transitions", summary.get("learning_steps"))
+    missing = not isinstance(summary.get("result"), dict)
+    if missing and made == run.scenario.steps:
         with suppress(OSError):  # a directory that can only be read
             add_result(directory, run, measures)
 
@@ -139,10 +143,8 @@ def evaluated(directory: Path, trials: int | None, seed: int) -> Evaluated:
 
 def _made_all_steps(directory: Path, run: RunConfig) -> bool:
     """Return whether nodes that were started by hand have made all steps of their run."""
-    return (
-        not missing_files(directory, run.scenario)
-        and _summary(directory).get("transitions") == run.scenario.steps
-    )
+    made = _summary(directory).get("transitions")
+    return not missing_files(directory, run.scenario) and made == run.scenario.steps
 
 
 def _summary(directory: Path) -> dict[str, Any]:

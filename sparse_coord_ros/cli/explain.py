@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from sparse_coord_ros.base.errors import RunError, did_you_mean
+from sparse_coord_ros.cli.computing import read_bag
 from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, Option, note, tell
 from sparse_coord_ros.core.game.plugins import leaving_out
 from sparse_coord_ros.core.game.settings import Setting
@@ -27,12 +28,11 @@ OPTIONS = (BAG, STEP, Option("--robot NAME", None, "only this robot"), ALLOW, JS
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    from sparse_coord_ros.log.runlog import read_run
     from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
     from sparse_coord_ros.show.narrator import Narrator
     from sparse_coord_ros.show.steps import logged_step
 
-    log = read_run(options.bag)
+    log = read_bag(options.bag, quiet=options.json)
     with leaving_out("the robots' values and updates", note):
         _ = log.run.rule
     asked = _robots(log, options.robot)

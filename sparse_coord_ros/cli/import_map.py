@@ -42,7 +42,7 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
 EXAMPLE = (
     "sparse_coord import-map examples/office.yaml --cell 0.85 --radius 0.1 "
-    "--start -6,4.5 -2.5,0 --goal -2.5,0 -6,4.5 --out office"
+    "--start -6,4.5 -3.4,0 --goal -3.4,0 -6,4.5 --out office"
 )
 
 

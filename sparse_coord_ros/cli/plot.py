@@ -3,9 +3,11 @@
 """`sparse_coord plot`: pictures of runs, bags and results."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.computing import read_bag
 from sparse_coord_ros.cli.options import ALLOW, JSON, Option, note
 from sparse_coord_ros.core.game.settings import Setting
 
@@ -48,7 +50,8 @@ def execute(options: argparse.Namespace) -> None:
         if len(options.sources) == 1 and is_results(options.sources[0]):
             what, figure = results_figure(options.sources[0], options.what, note)
         else:
-            runs = [open_run(path, note) for path in options.sources]
+            read = partial(read_bag, quiet=options.json)
+            runs = [open_run(path, note, read) for path in options.sources]
             for run in runs:
                 _ = run.config  # refused before its parts are looked for
             whats = figures.parse_whats(options.what, runs)

@@ -8,6 +8,7 @@ from typing import Any
 
 from sparse_coord_ros.base.errors import RunError
 from sparse_coord_ros.base.files import write_whole
+from sparse_coord_ros.cli.computing import read_bag
 from sparse_coord_ros.cli.options import BAG, JSON, Option, tell
 from sparse_coord_ros.core.game.settings import Setting
 from sparse_coord_ros.core.runs.run_config import RUN_FILE, create_output
@@ -36,13 +37,11 @@ OPTIONS = (
 
 def execute(options: argparse.Namespace) -> None:
     """Run the verb."""
-    from sparse_coord_ros.log.runlog import read_run
-
     if (options.step is None) != (options.out is None):
         raise RunError(
             "--step N and --out DIR belong together; without both the steps are listed"
         )
-    log = read_run(options.bag)
+    log = read_bag(options.bag, quiet=options.json)
     common = sorted(set.intersection(*map(set, log.table_steps())))
     time_steps = {log.made_before(step): step for step in common}
     facts: dict[str, Any] = {"bag": options.bag, "steps": list(time_steps)}

@@ -57,6 +57,7 @@ from sparse_coord_ros.core.runs.run_config import (
     SUMMARY_FILE,
     RunConfig,
     create_output,
+    later_result,
     load_run,
     make_run,
 )
@@ -354,6 +355,7 @@ def _say(
             lines.append(word.text)
     else:
         lines = [expected.text]
+        summary["result"] = later_result(out)
     summary["repeat"] = repeating_command(run)
     summary["learning_steps"] = done.transitions
     summary["episodes"] = done.history.episodes

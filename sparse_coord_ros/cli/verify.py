@@ -5,7 +5,7 @@
 import argparse
 from collections.abc import Iterator
 
-from sparse_coord_ros.cli.computing import Bar
+from sparse_coord_ros.cli.computing import Bar, read_bag
 from sparse_coord_ros.cli.options import ALLOW, BAG, JSON, tell
 
 UNDECIDED = 3
@@ -24,11 +24,11 @@ OPTIONS = (BAG, ALLOW, JSON)
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0: identical, 1: differs, 3: undecided."""
-    from sparse_coord_ros.log.runlog import verify
+    from sparse_coord_ros.log.runlog.verify import verify_log
 
-    with Bar("steps", "reading the bag", quiet=options.json) as bar:
-        verification = verify(options.bag, bar.show)
-    log = verification.log
+    log = read_bag(options.bag, quiet=options.json)
+    with Bar("steps", "computing the run again", quiet=options.json) as bar:
+        verification = verify_log(log, bar.show)
     facts = {name: value for name, value in vars(verification).items() if name != "log"}
     facts["bag"] = log.path
     facts["step"] = verification.first and log.made_before(verification.first.step)

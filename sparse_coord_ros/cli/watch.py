@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.base.errors import BagError
+from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.cli.options import ALLOW, PAGE, Option, allowed_with, ros_needed
 from sparse_coord_ros.cli.page import served
 from sparse_coord_ros.core.game.settings import Setting
@@ -59,7 +60,9 @@ def execute(options: argparse.Namespace) -> int | None:
     [path] = options.bags
     source: BagSource | TrainedView
     if open_run(path).bag:
-        source = BagSource(path, MessageBoard(), rate=options.rate, step=options.step)
+        more = {"rate": options.rate, "step": options.step}
+        with Bar("kB", "reading the bag") as bar:
+            source = BagSource(path, MessageBoard(), **more, progress=bar.show)
     else:
         source = TrainedView(open_run(path), MessageBoard())
     with served(options, source.board), suppress(KeyboardInterrupt):
@@ -80,7 +83,10 @@ def _compare(options: argparse.Namespace) -> None:
                 f"{path}: holds no bag; several runs are compared by their bags: record each with "
                 "sparse_coord run, or watch it alone"
             )
-    sources = [BagSource(path, MessageBoard()) for path in options.bags]
+    sources = []
+    for path in options.bags:
+        with Bar("kB", f"reading {path}") as bar:
+            sources.append(BagSource(path, MessageBoard(), progress=bar.show))
     comparison = Comparison(sources, MessageBoard(), rate=options.rate)
     if options.step is not None:
         comparison.show_step(options.step)

@@ -3,7 +3,7 @@
 """An episode as an animated GIF: robots move, questions are lines from the asker to the asked."""
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,12 @@ SHARED = 0.27
 
 
 def film(
-    scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0
+    scenario: Scenario,
+    episode: Episode,
+    *,
+    title: str,
+    rate: float = 2.0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> bytes:
     """Return an episode as the bytes of a GIF; the same episode gives the same bytes.
 
@@ -62,6 +67,7 @@ def film(
         episode: the episode.
         title: the title above the picture.
         rate: time steps per second.
+        progress: called with the steps drawn and those to draw.
     """
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
@@ -74,6 +80,7 @@ def film(
             lasting.append(TALK)
         images += [pictures.at(step, moved) for moved in (*glide, 1.0)]
         lasting += [*[0.15] * len(glide), 0.7 if glide else 1.0]
+        progress(step + 1, shown)
     durations = [max(20, round(100 * lasts / rate) * 10) for lasts in lasting]
     durations[-1] += round(1000 * HOLD / rate)
     file = io.BytesIO()
@@ -290,8 +297,8 @@ class EpisodePictures:
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
         x, y = 0.45 * positions[ask.asker] + 0.55 * positions[peer]
         if len(ask.peers) > 1:
-            x = x + 0.38
-            y = y - 0.38
+            x = x + 0.28
+            y = y - 0.28
         along = positions[peer] - positions[ask.asker]
         length = float(np.hypot(*along))
         if length > 0.0:

@@ -16,11 +16,15 @@ from sparse_coord_ros.base.errors import (
     TablesError,
 )
 from sparse_coord_ros.core.game.actions import COORDINATE
-from sparse_coord_ros.core.game.scenario import scenario_names
 from sparse_coord_ros.core.learners.tables import Tables
 from sparse_coord_ros.core.runs.evaluation import check_tables
 from sparse_coord_ros.core.runs.history import HISTORY_FILE, History, load_history
-from sparse_coord_ros.core.runs.run_config import RUN_FILE, RunConfig, load_run
+from sparse_coord_ros.core.runs.run_config import (
+    RUN_FILE,
+    RunConfig,
+    load_run,
+    refuse_scenario,
+)
 from sparse_coord_ros.core.runs.saved_tables import load_team
 from sparse_coord_ros.log.bags.reader import BAG_DIRECTORY, Bag, bag_files
 from sparse_coord_ros.log.runlog.log import RunLog
@@ -42,12 +46,14 @@ class OpenedRun:
         directory: the run's directory; None: only a bag was given.
         bag: its bag; None: it has none.
         say: receives notes on slow steps.
+        read: reads its log.
     """
 
     path: Path
     directory: Path | None
     bag: Path | None
     say: Say = lambda _: None
+    read: Callable[[Path], RunLog] = read_run
 
     @property
     def name(self) -> str:
@@ -76,7 +82,7 @@ class OpenedRun:
             remedy = "'sparse_coord run' records one, 'train' does not"
             raise RunError(f"{self.path}: has no bag; {remedy}")
         self.say(f"reading {self.bag}")
-        log = read_run(self.bag)
+        log = self.read(self.bag)
         if log.damage is not None:
             self.say(log.damage)
         return log
@@ -156,12 +162,17 @@ def is_results(path: Path) -> bool:
     return (path / RESULTS_FILE).is_file()
 
 
-def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:
+def open_run(
+    path: Path,
+    say: Say = lambda _: None,
+    read: Callable[[Path], RunLog] = read_run,
+) -> OpenedRun:
     """Open a run's directory or a bag.
 
     Args:
         path: a run's directory; a bag's, or its file.
         say: receives notes on slow steps.
+        read: reads its log.
 
     Raises:
         RunError, BagError: the path is neither; `info` reports more on a bag.
@@ -174,10 +185,6 @@ def open_run(path: Path, say: Say = lambda _: None) -> OpenedRun:
         )
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
-        return OpenedRun(path, path, bag if bag.is_dir() else None, say)
-    if not path.exists() and str(path) in scenario_names():
-        raise SettingError(
-            f"{path} is a scenario, not a run; make one: sparse_coord train {path} --out "
-            f"runs/{path}, or sparse_coord run {path} --watch"
-        )
-    return OpenedRun(path, None, path, say)
+        return OpenedRun(path, path, bag if bag.is_dir() else None, say, read)
+    refuse_scenario(path)
+    return OpenedRun(path, None, path, say, read)

@@ -61,6 +61,10 @@ def test_a_scheduler_that_is_not_there_is_told_at_once(monkeypatch):
         ),
         (lambda: sc.plot([sc.Runs()]), "results: value is [<Runs of 0>], allowed: "),
         (lambda: sc.plot([]), "results: value is [], allowed: results of sweep or"),
+        (
+            lambda: sc.Runs().plot(),
+            "the runs have no learning history; give train_many",
+        ),
         (lambda: sc.to_pandas(sc.Runs()), "(of train_many, draw runs.plot(), and use"),
     ],
 )

@@ -117,6 +117,12 @@ def test_a_scenario_is_recognised(sparse_coord, folder, options):
     assert list(folder.iterdir()) == []
 
 
+def test_a_map_of_this_package_is_recognised(refused):
+    file = share_file("maps", "env1.txt")
+    said = refused("import-map", file, "--radius", "0.1")
+    assert "is a map of this package already; write a scenario file with 'map: " in said
+
+
 def test_a_bad_setting_is_refused_before_the_page_is_served(sparse_coord, plan):
     command = ("import-map", plan, "--page", "--set", "interactions=foo")
     code, out, err = sparse_coord(*command)

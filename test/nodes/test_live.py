@@ -125,6 +125,7 @@ def test_the_summary_says_the_result_and_how_to_repeat_it(start, tmp_path):
     assert summary["repeat"] == (
         "sparse_coord train env1 --learner coop --seed 7 --set steps=300"
     )
+    assert list(summary)[:2] == ["result", "verdict"]
     result = summary["result"]
     assert result["source"] == "exact" and "returns_error" not in result
     assert list(result)[-3:] == ["shortest_paths", "best_asking_team", "optimum"]

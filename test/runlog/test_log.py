@@ -167,3 +167,13 @@ def test_a_team_in_a_namespace(good, tmp_path):
         Playlist(opened, opened.topics).step_count
         == Playlist(source, source.topics).step_count
     )
+
+
+def test_reading_says_how_far_it_is(record):
+    bag = record(settings={"steps": 600}, chunk=5000).bag
+    told = []
+    log = read_run(bag, lambda *counts: told.append(counts))
+    size = sum(file.stat().st_size for file in bag.glob("*.mcap")) // 1000
+    assert len(log.step) and told == sorted(told)
+    assert {total for _, total in told} == {size}
+    assert 0.5 * size < told[-1][0] <= size

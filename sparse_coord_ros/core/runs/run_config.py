@@ -35,6 +35,7 @@ from sparse_coord_ros.core.game.scenario import (
     WHILE_LEARNING,
     Scenario,
     scenario_from_dict,
+    scenario_names,
 )
 from sparse_coord_ros.core.game.settings import setting, settings_of
 from sparse_coord_ros.core.game.specs import Form, SpecFamily
@@ -366,6 +367,7 @@ def load_run(directory: Path) -> RunConfig:
     Raises:
         RunError: the file is missing, or of another version.
     """
+    refuse_scenario(directory)
     path = directory / RUN_FILE
     inside = sorted(str(file.parent) for file in directory.glob(f"*/{RUN_FILE}"))
     if inside and not path.exists():
@@ -386,6 +388,24 @@ def load_run(directory: Path) -> RunConfig:
     remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
     text = read_text(path, RunError, remedy)
     return run_from_yaml(text, where=str(path))
+
+
+def later_result(directory: Path) -> str:
+    """Return what `summary.yaml` says in place of a result that is not computed yet."""
+    return f"not computed yet; sparse_coord evaluate {directory} adds it"
+
+
+def refuse_scenario(path: Path) -> None:
+    """Refuse the name of a scenario where a run is expected.
+
+    Raises:
+        RunError: it is one, and no path.
+    """
+    if not path.exists() and str(path) in scenario_names():
+        raise RunError(
+            f"{path} is a scenario, not a run; make one: sparse_coord train {path} --out "
+            f"runs/{path}, or sparse_coord run {path} --watch"
+        )
 
 
 def create_output(directory: Path) -> Path:

@@ -131,6 +131,10 @@ def read_floor_plan(path: Path) -> FloorPlan:
     if is_picture(path):
         _check_exists(path)
         raise MapError(_yaml_wanted(path))
+    if path.suffix == ".txt":
+        load_map(str(path))
+        remedy = f"write a scenario file with 'map: {path.name}' and robots"
+        raise MapError(f"{path}: is a map of this package already; {remedy}")
     header = fields_of(path)
     if "robots" in header and "image" not in header:
         remedy = f"let a team learn on it: sparse_coord train {path}"

@@ -28,7 +28,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from sparse_coord_ros.base.errors import BagError, message_of
 from sparse_coord_ros.base.files import refuse_stand_in
-from sparse_coord_ros.core.runs.run_config import RUN_FILE
+from sparse_coord_ros.core.runs.run_config import RUN_FILE, refuse_scenario
 from sparse_coord_ros.log.bags.heads import (
     MESSAGE_HEAD,
     DamagedChunk,
@@ -536,12 +536,17 @@ _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")
 
 
 def bag_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag's directory in order, or the file itself; raises BagError.
+    """Return the MCAP files of a bag's directory in order, or the file itself.
 
     Several files are one bag if their names differ in their numbers only. If a finished and an
     unfinished file of one name exist, the finished one counts. If the directory holds no bag
     file, its subdirectory `bag` is searched, where `run` writes.
+
+    Raises:
+        BagError: there is no bag, or there are several.
+        RunError: the path is the name of a scenario.
     """
+    refuse_scenario(path)
     if not path.is_dir():
         return [path]
     for directory in (path, path / BAG_DIRECTORY):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log of a bag that may grow, and its learning history, for the page."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from sparse_coord_ros.core.runs.history import History
 from sparse_coord_ros.log.bags.reader import Bag, bag_files
 from sparse_coord_ros.log.runlog.log import RunLog
-from sparse_coord_ros.log.runlog.reading import Reader, arrange, find_run, sort
+from sparse_coord_ros.log.runlog.reading import Read, Reader, arrange, find_run, sort
 
 STEPS_AROUND = 500
 """Number of time steps before and after a shown one that are at hand."""
@@ -71,6 +71,7 @@ class GrowingLog:
 
     Args:
         path: as in `read_run`.
+        progress: as in `read_run`, of the first reading.
 
     Attributes:
         run: the run.
@@ -81,15 +82,18 @@ class GrowingLog:
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self,
+        path: Path,
+        progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> None:
         self._bag = Bag(bag_files(Path(path)))
         bag_run = find_run(self._bag)
         self.run = bag_run.run
         self._reader = Reader(self._bag, bag_run)
-        self.so_far = self._read_on()
+        self.so_far = self._arranged(self._reader.read(progress))
 
-    def _read_on(self) -> RunLog:
-        messages = self._reader.read()
+    def _arranged(self, messages: Read) -> RunLog:
         return arrange(self._bag, self.run, sort(messages, self.run))
 
     def extend(self) -> bool:
@@ -100,7 +104,7 @@ class GrowingLog:
             last.path.exists() and last.path.stat().st_size == last.size
         ):
             return False
-        self.so_far = self._read_on()
+        self.so_far = self._arranged(self._reader.read())
         return self._bag.message_count != before
 
     @property

@@ -106,10 +106,16 @@ class Sorted(NamedTuple):
     problems: Sequence[Finding]
 
 
-def read_run(path: Path) -> RunLog:
+def read_run(
+    path: Path, progress: Callable[[int, int], None] = lambda done, total: None
+) -> RunLog:
     """Read a run's log: a bag's directory, an `.mcap` or an `.mcap.partial`.
 
     An unfinished or damaged file is read up to there.
+
+    Args:
+        path: the bag.
+        progress: called with the kilobytes read and those of the bag, now and then.
 
     Raises:
         BagError: the bag cannot be read, contains no run, or has another format.
@@ -117,7 +123,7 @@ def read_run(path: Path) -> RunLog:
     """
     bag = Bag(bag_files(Path(path)))
     bag_run = find_run(bag)
-    read = Reader(bag, bag_run).read()
+    read = Reader(bag, bag_run).read(progress)
     return arrange(bag, bag_run.run, sort(read, bag_run.run))
 
 
@@ -182,10 +188,15 @@ class Reader:
         self._unreadable: list[Difference] = []
         self._decode = Decoder({})
 
-    def read(self) -> Read:
-        """Return all messages so far; raises BagError."""
+    def read(
+        self, progress: Callable[[int, int], None] = lambda done, total: None
+    ) -> Read:
+        """Return all messages so far; raises BagError; `progress`: as in `read_run`."""
+        files = self._bag.files
+        size = sum(file.path.stat().st_size for file in files if file.path.exists())
         for part in self._bag.read():
             self._take(part)
+            progress(sum(file.read_to for file in files) // 1000, size // 1000)
         rows = {}
         for key, parts in self._parts.items():
             columns = (np.concatenate(column) for column in zip(*parts, strict=True))

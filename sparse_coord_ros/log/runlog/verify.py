@@ -67,20 +67,29 @@ class Verification:
         return self.difference or self.undecided
 
 
-def verify(
-    path: Path, progress: Callable[[int, int], None] = lambda done, total: None
-) -> Verification:
-    """Compute a recorded run again from its seed and its log, and compare.
+def verify(path: Path) -> Verification:
+    """Read a recorded run, compute it again from its seed and its log alone, and compare.
 
     Args:
         path: as in `read_run`.
-        progress: called with the time steps done and those of the log, now and then.
 
     Raises:
         BagError: the bag cannot be read, contains no run, or has another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
-    comparison = _Comparison(read_run(path))
+    return verify_log(read_run(path))
+
+
+def verify_log(
+    log: RunLog, progress: Callable[[int, int], None] = lambda done, total: None
+) -> Verification:
+    """Compute a run again from its seed and its log alone, and compare.
+
+    Args:
+        log: the log.
+        progress: called with the time steps done and those of the log, now and then.
+    """
+    comparison = _Comparison(log)
     finding = next(comparison.findings(progress), None) or comparison.left_out
     if isinstance(finding, Difference):
         finding = comparison.doubted(finding)

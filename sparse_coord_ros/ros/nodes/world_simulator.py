@@ -19,7 +19,11 @@ from sparse_coord_ros.core.game.interactions import can_miscoordinate, interacti
 from sparse_coord_ros.core.game.world import Action, World
 from sparse_coord_ros.core.runs.history import HISTORY_FILE
 from sparse_coord_ros.core.runs.repeating import repeating_command
-from sparse_coord_ros.core.runs.run_config import RUN_FILE, SUMMARY_FILE
+from sparse_coord_ros.core.runs.run_config import (
+    RUN_FILE,
+    SUMMARY_FILE,
+    later_result,
+)
 from sparse_coord_ros.core.runs.saved_tables import TEAM_FILE, robot_file
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.timeouts import REPEAT_SECONDS
@@ -469,8 +473,7 @@ class WorldSimulator(ParameterNode):
         summary = self.summary()
         if self.done and not self.run.greedy:
             # The robots' tables may still be in their processes.
-            later = f"not computed yet; sparse_coord evaluate {out} adds it"
-            summary = {"result": later, **summary}
+            summary = {"result": later_result(out), **summary}
         write_whole(out / SUMMARY_FILE, to_yaml(summary))
         self.lockstep.history.so_far.save(out)
 

@@ -85,6 +85,7 @@ class BagSource(controls.Played):
         board: where the messages go.
         rate: time steps a second; 0: as far as the log goes.
         step: the learning step to begin at; None: what was learned is shown.
+        progress: called while the bag is read, as by `read_run`.
 
     Attributes:
         log: the bag.
@@ -106,9 +107,10 @@ class BagSource(controls.Played):
         *,
         rate: float = FIRST_RATE,
         step: int | None = None,
+        progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
         super().__init__()
-        self.log = GrowingLog(path)
+        self.log = GrowingLog(path, progress)
         self.run = self.log.run
         self.board = board
         self.growing = self._grows()
@@ -343,7 +345,7 @@ class BagSource(controls.Played):
         what = f"No {KIND_NAMES[kind]}"
         if kind != controls.CROSSING:
             what = f"{what} after this step"
-        read = self._counts.read_to / max(1, self.log.last_step)
+        read = max(0, self._counts.read_to) / max(1, self.log.last_step)
         if read < 1.0:
             what = f"{what}; {percent(read, whole=True)} of the log are read so far"
         self._say(f"{what}.")

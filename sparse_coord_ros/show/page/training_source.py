@@ -52,6 +52,10 @@ class TrainingView(LiveView, Controlled):
         self._learning: LearningRun | None = None
         self._rate = 0.0
         self._due = time.monotonic()
+        # A compiler may need some seconds before the first look.
+        self.state = "preparing"
+        self.show(transitions=0, episode=0)
+        self._counted = None
 
     def look(
         self, learning: LearningRun, transition: TeamTransition | None

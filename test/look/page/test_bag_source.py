@@ -660,7 +660,7 @@ def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words)
         run=None,
     )
     monkeypatch.setattr(
-        "sparse_coord_ros.show.page.bag_source.GrowingLog", lambda path: nothing
+        "sparse_coord_ros.show.page.bag_source.GrowingLog", lambda *_: nothing
     )
     monkeypatch.setattr(
         "sparse_coord_ros.show.page.bag_source.being_recorded",
