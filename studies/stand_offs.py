@@ -28,8 +28,8 @@ HORIZON = 1000
 KINDS = ["corridor", "crossing", "rooms"]
 """Two rooms and a passage of doorways; four arms that meet in a doorway; rooms and doorways."""
 
-SIXTEEN = {"corridor": "building-4x1x4-16r", "rooms": "building-3x2x4-16r"}
-"""Where sixteen robots have room: a row of four rooms, and six rooms along a corridor."""
+SIXTEEN = {"corridor": "building-4x1x4-16r"}
+"""Where sixteen robots have room: a row of four rooms."""
 
 
 class Impatient(Voi):
