@@ -105,6 +105,7 @@ TUNED_ON = {
     "unseen2-pairs": ("tuning-pairs", [{}]),
     "unseen2-four": ("tuning-four", [{}]),
     "unseen2-eight": ("tuning-eight", [{}]),
+    "offices-16": ("tuning-eight", [{}]),
     "swap-pairs": ("tuning-pairs", [{"interactions": "swap"}]),
     "block-pairs": ("tuning-pairs", [{"interactions": "block:anywhere"}]),
     "percepts": ("tuning-pairs", [{"perception": one} for one in PERCEPTS]),

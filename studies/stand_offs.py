@@ -2,28 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do teams stand for ever? Learner voi with its patience and without. docs/learners.md.
 
-python studies/stand_offs.py [--kinds KIND...] [--robots N...] [--buildings N] [--teams N]
-    [--trials N] [--steps N] [--peers-seen WHEN] [--seed N]
+python studies/stand_offs.py [--robots N...] [--teams N] > docs/tables/stand_offs.md
 
 Trials last `HORIZON` steps, ten times as long as others: a team that has not arrived by then
-stands. A team fails where a robot is missing in more than one of 1,000 trials. Returns have in
-parentheses a standard error over buildings. All buildings are fresh: nothing was chosen by them.
-Sixteen robots take a minute to learn: of them one team learns in each building.
+stands. A team fails where a robot is missing in more than one of 1,000 trials. The table, in
+Markdown, has failed teams, the least arrival of a team and the mean return with a standard error
+over buildings. Nothing was chosen by these buildings. Of sixteen robots one team learns in each.
 """
 
 import argparse
 import sys
 
 import numpy as np
-import pandas as pd
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.errors import SparseCoordError
+from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import MOVE_TIE
 from sparse_coord_ros.core.learners.rules import greedy
 from sparse_coord_ros.core.learners.voi import Voi, by_policy
-from sparse_coord_ros.core.runs.measures import fails
+from sparse_coord_ros.core.runs.measures import fails, standard_error
 
 HORIZON = 1000
 KINDS = ["corridor", "crossing", "rooms"]
@@ -57,8 +56,8 @@ def names_of(kind: str, robots: int, buildings: int, first: int) -> list[str]:
 
 def judged(
     names: list[str], teams: int, learner: type[Voi], options: argparse.Namespace
-) -> dict[str, object]:
-    """Return the entries of a row for a learner: failed teams, least arrival, mean return."""
+) -> list[str]:
+    """Return the cells of a learner: failed teams, least arrival, mean return."""
     arrived: list[float] = []
     returns = []
     for name in names:
@@ -67,7 +66,7 @@ def judged(
             penalty=-100,
             steps=options.steps,
             horizon=HORIZON,
-            peers_seen=options.peers_seen,
+            peers_seen="while_learning",
         )
         learned = sc.train_many(
             scenario,
@@ -79,12 +78,11 @@ def judged(
         )
         arrived += [team.measures.mean("arrived") for team in learned]
         returns.append(np.mean([team.measures.mean("returns") for team in learned]))
-    error = np.std(returns, ddof=1) / len(returns) ** 0.5 if len(returns) > 1 else 0.0
-    return {
-        f"{learner.name}: failed": sum(map(fails, arrived)),
-        f"{learner.name}: least arrival": f"{100 * min(arrived):.1f} %",
-        f"{learner.name}: return": f"{np.mean(returns):.1f} ({error:.1f})",
-    }
+    return [
+        f"{sum(map(fails, arrived))} of {len(arrived)}",
+        percent(min(arrived)),
+        f"{np.mean(returns):.1f} ({standard_error(np.array(returns)):.1f})",
+    ]
 
 
 def main() -> None:
@@ -99,19 +97,21 @@ def main() -> None:
     parser.add_argument("--teams", type=int, default=4, help="in each building")
     parser.add_argument("--trials", type=int, default=500, help="greedy, of a team")
     parser.add_argument("--steps", type=int, default=100_000)
-    parser.add_argument("--peers-seen", default="while_learning")
     parser.add_argument("--seed", type=int, default=7_300_000)
     options = parser.parse_args()
+    measures = ["failed teams", "least arrival", "return"]
+    heads = ["place", "robots", *measures, "without patience", *measures[1:]]
+    print("| " + " | ".join(heads) + " |\n| :-- |" + " --: |" * (len(heads) - 1))
     for robots in options.robots:
         for kind in options.kinds:
             names = names_of(kind, robots, options.buildings, options.seed)
             if not names:
                 continue
             teams = options.teams if robots <= 8 else 1
-            row = {"kind": kind, "robots": robots, "teams": len(names) * teams}
+            cells = [kind, str(robots)]
             for learner in (Voi, Impatient):
-                row |= judged(names, teams, learner, options)
-            print(pd.DataFrame([row]).to_string(index=False), flush=True)
+                cells += judged(names, teams, learner, options)
+            print("| " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -62,6 +62,9 @@ BLOCK_SEEDS: Mapping[str, Sequence[int]] = {
 }
 """The same where each cell holds one robot."""
 
+OFFICES = tuple(f"building-3x2x4-16r-{seed}" for seed in range(1000, 1004))
+"""Buildings of the largest teams: six rooms on a corridor."""
+
 
 def _buildings(split: str, robots: int) -> tuple[Item, ...]:
     names = unseen_buildings()
@@ -95,6 +98,7 @@ LISTS: Mapping[str, tuple[Item, ...]] = {
     **_unseen(),
     "swap-pairs": _pairs("swap", SWAP_SEEDS),
     "block-pairs": _pairs("block:anywhere", BLOCK_SEEDS),
+    "offices-16": tuple(Item(name) for name in OFFICES),
     "percepts": tuple(
         Item(name, {"perception": percept})
         for name in ("env1", "env2-2r", "pentagon")

@@ -30,6 +30,7 @@ def made(tmp_path):
     }
 
 
+@pytest.mark.long
 def test_every_scenario_learner_and_name_has_its_page(made):
     assert "gone.md" not in made
     for name in sc.scenario_names():

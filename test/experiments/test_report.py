@@ -87,6 +87,12 @@ def test_table_2_has_its_two_measures():
     assert rows[0]["coop, paper"] == "9.94"
 
 
+def test_a_table_of_one_learner_has_the_yardsticks_too():
+    result = made_up(experiment("table1").conditions[0])
+    [row] = table_of(to_markdown("table1", [result]))
+    assert row["joint optimum"] == "121.89"
+
+
 @pytest.mark.parametrize("name", [name for name in NAMES if "table" not in name])
 def test_any_other_table_has_a_row_for_each_condition(name):
     results = [made_up(one) for one in experiment(name).conditions[:16]]

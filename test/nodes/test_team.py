@@ -5,6 +5,7 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from live_teams import same_tables
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -200,3 +201,12 @@ def test_progress_is_told_every_few_seconds_and_at_the_end(bench, capfd, monkeyp
     bench.robots()
     bench.spin_until_done()
     assert capfd.readouterr().err.count(" of 600 steps, ") == 2
+
+
+def test_the_executable_runs_a_team(start, tmp_path):
+    out = tmp_path / "out"
+    given = {"scenario": "env1", "steps": 60, "record": "false", "out": out}
+    words = [word for name, v in given.items() for word in ("-p", f"{name}:={v}")]
+    process = start("nodes.team", "--ros-args", *words)
+    assert process.exit_code() == 0, process.output
+    assert same_tables(out)

@@ -546,14 +546,10 @@ class HeardTeam:
         after = tuple(then.cells[k] for k in robots)
         cells = tuple(here.cells[k] for k in robots)
         met = miscoordinates(self._interactions, cells, after)
-        told = tuple(
-            Reward(0.0, 0.0, 0.0, 0.0) if reward is None else reward
-            for reward in rewards
-        )
         arrived = tuple(k for k in sorted(acted) if after[k] == self._goals[k])
         self._begin_where_due(step)
         self.history.add(
-            self.episode, step, actions, StepOutcome(told, met, arrived, False)
+            self.episode, step, actions, StepOutcome((), met, arrived, False)
         )
         self.seen += 1
         self.view.take(TeamTransition(step, cells, actions, after, met, rewards, ends))
