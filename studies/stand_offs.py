@@ -100,7 +100,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=7_300_000)
     options = parser.parse_args()
     measures = ["failed teams", "least arrival", "return"]
-    heads = ["place", "robots", *measures, "without patience", *measures[1:]]
+    heads = ["place", "robots", *measures, "failed without patience", *measures[1:]]
     print("| " + " | ".join(heads) + " |\n| :-- |" + " --: |" * (len(heads) - 1))
     for robots in options.robots:
         for kind in options.kinds:
