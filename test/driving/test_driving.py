@@ -4,17 +4,21 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from teams import learn
 
 from sparse_coord_ros.base.errors import SettingError
+from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.grid import CLEAR
 from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.evaluation import play
 from sparse_coord_ros.core.runs.run_config import make_run
+from sparse_coord_ros.core.solve.advice import WILL_PAY, advice
 from sparse_coord_ros.lab.driving.body_simulator import (
     BIAS,
     ELSEWHERE,
@@ -33,6 +37,8 @@ from sparse_coord_ros.lab.driving.trials import (
     limits_of,
     remedies,
 )
+from sparse_coord_ros.lab.maps.image import read_floor_plan
+from sparse_coord_ros.lab.maps.plan import import_map, scenario_of
 from sparse_coord_ros.protocol.lockstep.bodies import NO_CELL, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
@@ -504,3 +510,20 @@ def test_a_higher_penalty_is_a_remedy_only_where_it_is_paid(team, interactions, 
     driven = replace(driven, in_doorways=np.array([1]), elsewhere=none)
     [sentence] = remedies(run, driven)
     assert remedy in sentence
+
+
+@pytest.mark.long
+def test_bodies_in_the_office_that_the_page_opens_with_do_not_touch():
+    """Coordination clearly pays there, and the team learns it."""
+    file = Path(__file__).parents[2] / "examples" / "office.yaml"
+    chosen = yaml.safe_load(file.read_text())["import_map"]
+    pairs = list(zip(chosen["start"], chosen["goal"], strict=True))
+    plan = read_floor_plan(file)
+    made = import_map(plan, cell=chosen["cell"], radius=chosen["radius"], robots=pairs)
+    scenario, *_ = scenario_of(made, pairs, {})
+    assert advice(scenario).kind == WILL_PAY
+    learned = train(scenario, "voi", progress=False)
+    run = make_run(scenario, {"learner": "voi"})
+    driven = drive(run, learned.tables, episodes=100, seed=0, values=VALUES)
+    assert driven.arrived.all()
+    assert driven.team.simulator.touches == [] and driven.team.simulator.bumps == 0
