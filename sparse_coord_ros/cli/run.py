@@ -93,8 +93,8 @@ def _run(
 
     if options.resume is not None and is_finished(out):
         shared.note(f"{out}: the run is finished already")
-        result, said = _result(options, out)
-        shared.tell(options, {"directory": out, **result}, *said)
+        result, sentences = _result(options, out)
+        shared.tell(options, {"directory": out, **result}, *sentences)
         return 0
     summary = live.run(
         values, processes=options.processes, quiet=options.json, page=page, stop=stop
@@ -102,9 +102,9 @@ def _run(
     saved = (out / TEAM_FILE).exists()
     lines = list(_lines(options, out, summary))
     if saved and summary.get("steps_per_second", 0) and not summary["interrupted"]:
-        result, said = _result(options, out)
+        result, sentences = _result(options, out)
         summary |= result
-        lines += said
+        lines += sentences
     shared.tell(options, {"directory": out, **summary}, *lines)
     if not summary["interrupted"] and not saved:
         remedy = f"make room, then: sparse_coord run --resume {out}"

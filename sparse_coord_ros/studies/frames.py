@@ -28,8 +28,8 @@ def listed(results: ResultsLike) -> list[ConditionResult]:
     Raises:
         SettingError: there is none, or one is no result of `sweep` or `run_experiment`.
     """
-    found = results.values() if isinstance(results, Mapping) else results
-    chosen = list(found) if isinstance(found, Iterable) else []
+    values = results.values() if isinstance(results, Mapping) else results
+    chosen = list(values) if isinstance(values, Iterable) else []
     fits = all(isinstance(result, ConditionResult) for result in chosen)
     allowed = (
         "results of sweep or run_experiment, one at least (of train_many, draw runs.plot(), and "

@@ -80,13 +80,13 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     sent = port.goals[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
     assert sent.bodies == tuple(BodyGoal(k, starts[k], south[k]) for k in (0, 1))
-    assert not sent.place and not side.made(SOUTHWARD) and sent.since == BEGIN
+    assert not sent.placing and not side.made(SOUTHWARD) and sent.since == BEGIN
     arrive(side, sent)
     assert side.made(SOUTHWARD) and side.seconds == 1.5
     world.advance(SOUTHWARD)
     assert world.cells == south
     assert not side.made(SOUTHWARD)
-    assert len(port.goals) == 3 and not port.goals[2].place  # the same episode
+    assert len(port.goals) == 3 and not port.goals[2].placing  # the same episode
     assert port.goals[2].since == 2.5
 
 
@@ -128,7 +128,7 @@ def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
     side.made(SOUTHWARD)
     world.begin_episode()
     assert not side.made(SOUTHWARD)
-    assert port.goals[-1].place
+    assert port.goals[-1].placing
     assert [goal.end for goal in port.goals[-1].bodies] == world.cells
 
 

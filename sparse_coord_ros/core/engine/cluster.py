@@ -253,11 +253,11 @@ async def _knock(scheduler: str) -> None:
     from distributed.security import Security
 
     arguments = Security().get_connection_args("client")
-    scheme, place = parse_address(scheduler)
+    scheme, address = parse_address(scheduler)
     once = (
         get_backend(scheme)
         .get_connector()
-        .connect(place, deserialize=False, **arguments)
+        .connect(address, deserialize=False, **arguments)
     )
     (
         await asyncio.wait_for(once, WAIT_SECONDS)

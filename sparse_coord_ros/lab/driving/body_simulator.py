@@ -202,7 +202,7 @@ class BodySimulator:
         self._under_way = set()
         for body in self.bodies:
             body.command = STOP
-        if goals.place:
+        if goals.placing:
             self.put({goal.robot: goal.end for goal in goals.bodies})
         else:
             self._under_way = {goal.robot for goal in goals.bodies}

@@ -79,7 +79,7 @@ class CmdVelDriver(Driver):
         state = self._goal_state()
         if state is None or not self._newer(state):
             return None  # wait for a newer pose
-        if state.goals.place:
+        if state.goals.placing:
             return self._placed(state)
         if state.stamp == self._answered and not unheard:
             return None

@@ -143,7 +143,7 @@ class Nav2Driver(Driver):
         self.counts[kind] += 1
         if why:
             self._port.say(why)
-        if self._goals.place:
+        if self._goals.placing:
             self._wait(now)
         else:
             self._over = now, self._stamp
@@ -176,7 +176,7 @@ class Nav2Driver(Driver):
         if sent is None or sent.ticket != ticket:
             return
         sent.heard = now
-        if left > DETOUR * self._metric_map.side and not self._goals.place:
+        if left > DETOUR * self._metric_map.side and not self._goals.placing:
             why = f"Nav2 makes a detour of {left:.1f} m: the goal is cancelled"
             self.give_up(now, "detours", why)
 
@@ -201,7 +201,7 @@ class Nav2Driver(Driver):
             return
         if why:
             self.give_up(now, kind, why)
-        elif self._goals.place:
+        elif self._goals.placing:
             self._wait(now)
         else:
             self._over = now, self._stamp
@@ -251,13 +251,13 @@ class Nav2Driver(Driver):
     def _give_up_in_time(self, state: GoalState, now: float) -> None:
         """Give up a move that has lasted too long."""
         limit = self._seconds
-        if not state.goals.place and now - self._taken >= limit:
+        if not state.goals.placing and now - self._taken >= limit:
             why = f"the move was not made within {limit:g} s (step_seconds)"
             self.give_up(now, "out of time", why)
 
     def _arrives(self, state: GoalState) -> GoalReport | None:
         """Return the end of the goal if the body is there, regardless of the server; else None."""
-        if state.goals.place:
+        if state.goals.placing:
             return self._placed(state)
         near = distance(state.pose, state.target) <= self._near
         return self._end(state, there=True) if near else None

@@ -105,7 +105,7 @@ class DrivenTeam:
     def send(self, goals: Goals) -> None:
         """Take in the bodies' goals."""
         self._goals.append(goals)
-        self.moves += 0 if goals.place else len(goals.bodies)
+        self.moves += 0 if goals.placing else len(goals.bodies)
 
     def drive(self) -> None:
         """Let the bodies drive until all are there."""
@@ -208,7 +208,7 @@ def drive(
     driven_team = DrivenTeam(run, values, seed, world)
     simulator = driven_team.simulator
     sent = driven_team.bodies
-    found: list[tuple[Any, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for episode in range(episodes):
         team.begin_episode(world)
         driven_team.followed = episode if episode < followed else None
@@ -233,12 +233,12 @@ def drive(
         drift = [
             math.dist(body.pose[:2], body.odometry[:2]) for body in simulator.bodies
         ]
-        found.append(
+        rows.append(
             (steps, seconds, arrived, times, miscoordinations, *touches, asks, drift)
         )
         progress(episode + 1)
     # in the order of its fields
-    return Drive(driven_team, *map(np.array, zip(*found, strict=True)))
+    return Drive(driven_team, *map(np.array, zip(*rows, strict=True)))
 
 
 def remedies(run: RunConfig, driven: Drive) -> list[str]:

@@ -44,7 +44,7 @@ class Goals(NamedTuple):
     Attributes:
         number: counts from 1; reports on older goals are ignored.
         step: the time step.
-        place: an episode begins: bodies may get to their cells on any way, and without a time
+        placing: an episode begins: bodies may get to their cells on any way, and without a time
             limit.
         since: the time of the newest pose in earlier reports, by the clock of the poses. Drivers
             act only on newer poses: by then the simulator of the bodies knows the goals.
@@ -53,7 +53,7 @@ class Goals(NamedTuple):
 
     number: int
     step: int
-    place: bool
+    placing: bool
     since: float
     bodies: tuple[BodyGoal, ...]
 

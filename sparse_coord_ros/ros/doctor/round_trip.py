@@ -174,10 +174,10 @@ def main(role: str, name: str) -> int:
                 publisher.publish(Int64(data=1))
             executor.spin_once(timeout_sec=0.05)
         if asks:
-            said: dict[str, Any] = {"rmw": rclpy.get_rmw_implementation_identifier()}
-            said |= {"round_trip": time.monotonic() - began} if heard else {}
-            said["shared_memory"] = uses_shared_memory()
-            print(json.dumps(said), flush=True)
+            answers: dict[str, Any] = {"rmw": rclpy.get_rmw_implementation_identifier()}
+            answers |= {"round_trip": time.monotonic() - began} if heard else {}
+            answers["shared_memory"] = uses_shared_memory()
+            print(json.dumps(answers), flush=True)
         executor.shutdown()
         node.destroy_node()
     return 0

@@ -107,7 +107,7 @@ class BodyNode(Follower):
         if self.values["body_rate"] == 0:
             if self.simulator.send(goals):
                 self._say(look=True)
-        elif goals.place:
+        elif goals.placing:
             self.simulator.put({goal.robot: goal.end for goal in goals.bodies})
 
     def _on_command(self, robot: int, command: Command) -> None:

@@ -25,7 +25,7 @@ from sparse_coord_ros.ros.nodes.messages import map_header
 def goals_message(messages: Messages, goals: Goals) -> JointState:
     """Return the goals of bodies as a message."""
     labels = list(BODY_GOALS.labels)
-    numbers = [float(goals.number), float(goals.place), goals.since]
+    numbers = [float(goals.number), float(goals.placing), goals.since]
     for robot, *cells in goals.bodies:
         labels += [f"{messages.names[robot]}/{label}" for label in GOAL_LABELS]
         numbers += map(float, cells)
@@ -52,7 +52,7 @@ def read_goals(messages: Messages, message: JointState) -> Goals:
     return Goals(
         number=_whole(numbers, "number", 1, 2**53),
         step=messages.step(0, ns),
-        place=bool(_whole(numbers, "place", 0, 1)),
+        placing=bool(_whole(numbers, "place", 0, 1)),
         since=_time(numbers, "since"),
         bodies=tuple(bodies),
     )
