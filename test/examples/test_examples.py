@@ -11,11 +11,12 @@ from live_teams import same_tables
 from teams import in_parts, learn, tables_equal, tables_in
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.engine.batch import uses_numba
+from sparse_coord_ros.core.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.core.engine.training import train
 from sparse_coord_ros.core.game.plugins import allow_modules
 from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.learners.registry import learner_of
+from sparse_coord_ros.core.runs.measures import by_run
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
@@ -43,7 +44,8 @@ def test_all_of_them_are_listed_and_run_here():
     names = {path.name for path in EXAMPLES.glob("*.py")}
     source = Path(__file__).read_text()
     listed = (EXAMPLES / "README.md").read_text()
-    assert [name for name in names if f'"{name}"' not in source] == []
+    run = [f"{one.partition(':')[0]}.py" for one in OWN]
+    assert [n for n in names if n not in run and f'"{n}"' not in source] == []
     assert [name for name in names if f"({name})" not in listed] == []
 
 
@@ -87,18 +89,23 @@ def test_own_learner(said):
     assert len({line.partition(":")[2] for line in lines}) == 2
 
 
+OWN = ("expected_sarsa:ExpectedSarsa", "ucb:UCB", "boltzmann:Boltzmann")
+"""Learners with a rule of their own: an update, and two ways to explore."""
+
 SETTINGS = {"steps": 600, "penalty": -20, "perception": "probability:0.7"}
 
 
-@pytest.fixture
-def own(monkeypatch):
-    """Return the name of a learner with an update rule of its own."""
+@pytest.fixture(
+    params=[OWN[0], *(pytest.param(name, marks=pytest.mark.long) for name in OWN[1:])]
+)
+def own(request, monkeypatch):
+    """Return the name of a learner of an example."""
     monkeypatch.syspath_prepend(EXAMPLES)
-    allow_modules("expected_sarsa")
-    return "expected_sarsa:ExpectedSarsa"
+    allow_modules(request.param.partition(":")[0])
+    return request.param
 
 
-def test_an_own_rule_live_stopped_resumed_and_from_the_log(own, tmp_path):
+def test_own_rules_live_stopped_resumed_and_from_the_log(own, tmp_path):
     """The bits of plain Python without ROS, which are not those of Algorithm 1."""
     out = tmp_path / "out"
     values = {"scenario": "env1", "learner": own, "seed": 5, "checkpoint": 100}
@@ -119,7 +126,7 @@ def test_an_own_rule_live_stopped_resumed_and_from_the_log(own, tmp_path):
 
 
 @pytest.mark.long
-def test_an_own_rule_compiled(own, said, tmp_path):
+def test_own_rules_compiled(own, said, tmp_path):
     """Compiled and plain in turn, through checkpoints, they learn what they learn plain."""
     scenario = load_scenario("env1", **SETTINGS)
     rule = learner_of(own)
@@ -130,8 +137,20 @@ def test_an_own_rule_compiled(own, said, tmp_path):
     )
     compiled = train(scenario, rule, seed=5, engine="numba")
     assert tables_equal(compiled.tables, plain)
-    lines = said("expected_sarsa.py", 2000).splitlines()
-    assert [line.split(":")[0] for line in lines] == ["coop", "expected_sarsa"]
+    name = own.partition(":")[0]
+    lines = said(f"{name}.py", 2000).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["coop", name]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("own", OWN[1:], indirect=True)
+def test_own_exploration_learns_to_earn_nearly_what_coop_does(own):
+    scenario = load_scenario("env1", penalty=-20, steps=50_000)
+    means = []
+    for learner in ("coop", own):
+        runs = run_batch(scenario, learner, range(20), trials=100)
+        means.append(by_run(run.measures for run in runs).mean("returns"))
+    assert means[0] - 1.5 < means[1] < means[0] + 0.5
 
 
 @pytest.mark.long
