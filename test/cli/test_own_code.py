@@ -8,7 +8,7 @@ from contextlib import chdir
 import numpy as np
 import pytest
 import yaml
-from teams import memories_equal
+from teams import forgotten, memories_equal
 
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.runs.saved_tables import load_saved
@@ -81,14 +81,15 @@ LEARNER = "my_code:Eager"
 
 @pytest.fixture(scope="module")
 def runs(place):
-    """Return the directories of runs: without ROS, and live."""
+    """Give the directories of runs: without ROS, and live; their learner is known meanwhile."""
     out = ["train", "live"]
     how = ("env1", "--learner", LEARNER, *SETTINGS, "--out")
-    with chdir(place):
-        plain = ("--engine", "python", "--trials", "0")
-        assert main(["train", *how, out[0], *plain]) == 0
-        assert main(["run", *how, out[1]]) == 0
-    return [place / directory for directory in out]
+    with forgotten():
+        with chdir(place):
+            plain = ("--engine", "python", "--trials", "0")
+            assert main(["train", *how, out[0], *plain]) == 0
+            assert main(["run", *how, out[1]]) == 0
+        yield [place / directory for directory in out]
 
 
 @pytest.mark.long
