@@ -166,11 +166,8 @@ class Recording:
                 self.lost_now.clear()
                 self.world.repeat()
             else:
-                step = self.world.world.step
                 assert self.world.missing(), "nobody is missing and nothing moves"
-                self.world.expire()
-                # nobody is left: it goes on saying so
-                if self.world.world.step == step:
+                if not self.world.expire():  # nobody is left
                     self.deaf.clear()
                     self.late.clear()
                     self.world.repeat()

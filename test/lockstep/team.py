@@ -153,6 +153,8 @@ class WorldProcess:
             self.team.disturbed = True
         elif self.started and not self.side.finished and self.side.expire():
             self.team.disturbed = True
+            if self.side.complete:
+                self.side.advance()
 
 
 class RobotProcess:

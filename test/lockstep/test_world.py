@@ -107,6 +107,14 @@ def test_a_watcher_hears_of_the_cells_before_and_after(world):
     assert heard == [(before, tuple(world.world.cells))] and heard[0][0] != heard[0][1]
 
 
+def left_out(world):
+    """Let the deadline pass, and the others go on; return whom they leave out."""
+    missing = world.expire()
+    if missing and world.complete:
+        world.advance()
+    return missing
+
+
 def arrive(world):
     """Take robot 1 of env1 to its goal while robot 2 stays."""
     for move in (DOWN, DOWN, EAST, EAST, EAST, EAST, DOWN, DOWN):
@@ -170,7 +178,7 @@ def test_the_last_states_are_said():
 
 def test_without_any_action_the_world_waits_on(world, port):
     port.take()
-    assert world.expire() == []
+    assert left_out(world) == []
     assert (world.timeouts, world.absent, world.world.step) == (0, set(), 1)
     assert port.take() == []
 
@@ -178,7 +186,7 @@ def test_without_any_action_the_world_waits_on(world, port):
 def test_a_silent_robot_is_left_out_and_taken_back(world, port):
     world.action(0, 1, DOWN)
     port.take()
-    assert world.expire() == [1]
+    assert left_out(world) == [1]
     assert (world.timeouts, world.absent) == (1, {1})
     assert world.world.cells == [4, 3]
     assert port.take() == [
@@ -197,12 +205,19 @@ def test_a_silent_robot_is_left_out_and_taken_back(world, port):
     assert world.world.cells == [9, 7]
 
 
+def test_who_leaves_a_robot_out_makes_no_step_yet(world):
+    """Bodies must get their goals first."""
+    world.action(0, 1, DOWN)
+    assert world.expire() == [1]
+    assert world.complete and world.world.step == 1
+
+
 def test_a_silent_robot_beside_an_arrived_one_ends_the_episode(world):
     """The arrived one continues with a new episode instead of waiting for ever."""
     arrive(world)
     step = world.world.step
     made = world.world.transitions
-    assert world.expire() == [1]
+    assert left_out(world) == [1]
     assert (world.timeouts, world.absent) == (1, {1})
     assert (world.world.episode, world.world.step, world.world.transitions) == (
         1,
@@ -215,7 +230,7 @@ def test_a_silent_robot_beside_an_arrived_one_ends_the_episode(world):
 def test_a_deadline_with_nobody_missing_does_nothing(world):
     world.action(0, 1, DOWN)
     world.action(1, 1, DOWN)
-    assert world.expire() == []
+    assert left_out(world) == []
     assert (world.timeouts, world.absent, world.world.step) == (0, set(), 1)
 
 
@@ -223,7 +238,7 @@ def test_an_episode_in_which_nobody_can_move_any_more_ends(world):
     for move in (DOWN, DOWN, EAST, EAST, EAST, EAST, DOWN):
         play(world, move, NORTH)
     world.action(0, world.world.step, DOWN)
-    assert world.expire() == [1]
+    assert left_out(world) == [1]
     assert world.world.episode == 1
     assert world.world.arrived == [False, False]
     assert world.missing() == [0]
@@ -247,7 +262,7 @@ def test_repeat_says_what_the_missing_ones_may_have_lost(world, port):
 
 def test_repeat_reaches_the_absent(world, port):
     world.action(0, 1, DOWN)
-    world.expire()
+    left_out(world)
     port.take()
     world.action(0, 2, DOWN)
     world.repeat()
@@ -270,13 +285,13 @@ def test_repeat_in_a_new_episode_says_no_old_reward(world, port):
 def test_it_counts_whom_it_leaves_out_at_each_step(world):
     """Arrived robots do not count, nor steps without a transition."""
     world.action(0, 1, DOWN)
-    world.expire()
+    left_out(world)
     assert world.left_out == 1
     play(world, DOWN)
     assert (world.left_out, world.timeouts) == (2, 1)
     beside, _ = make_world()
     arrive(beside)
-    beside.expire()
+    left_out(beside)
     assert (beside.left_out, beside.timeouts) == (0, 1)
 
 
@@ -290,7 +305,7 @@ def test_it_says_why_an_episode_began():
     assert world.began == StartReason.RESET
     beside, _ = make_world()
     arrive(beside)
-    beside.expire()
+    left_out(beside)
     assert beside.began == StartReason.NOBODY_LEFT
     together, _ = make_world()
     together.start()
@@ -305,7 +320,7 @@ def test_it_says_why_an_episode_began():
 
 def test_it_goes_on_where_another_one_was(world):
     world.action(0, 1, DOWN)
-    world.expire()
+    left_out(world)
     other, _ = make_world()
     other.go_on_from(world.snapshot())
     assert other.held and not other.action(0, 2, DOWN)
@@ -328,10 +343,10 @@ def test_each_robot_that_misses_a_deadline_is_counted():
     world, _ = make_world("env2-4r")
     for robot in (0, 1):
         world.action(robot, 1, DOWN)
-    assert world.expire() == [2, 3]
+    assert left_out(world) == [2, 3]
     assert world.timeouts == 2
     world.action(0, 2, DOWN)
-    assert world.expire() == [1]
+    assert left_out(world) == [1]
     assert (world.timeouts, world.absent) == (3, {1, 2, 3})
 
 

@@ -316,6 +316,7 @@ MISFITS = [
     (state, {}, {"frame": "odom"}, "is in the frame 'odom', not 'map'"),
     (state, {}, {"frame": ""}, "is in the frame '', not 'map'"),
     (reward, {"common": LEFT_OUT}, {}, "has no number labelled common"),
+    (reward, {"common": math.nan}, {}, "no reward"),
     (reward, dict.fromkeys(PAID), {}, "has no number labelled individual, common"),
     (account, {"coordinate": NAN}, {}, "coordinate nan"),
     (account, {"peer": 3.0}, {}, "peer 3.0"),

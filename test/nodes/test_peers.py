@@ -202,6 +202,34 @@ def test_the_deadline_of_what_is_waited_for(node, side, asked):
     assert side.expired == 2
 
 
+def test_after_a_return_to_the_same_step_the_deadline_begins_anew(side, asked):
+    for now in (10.0, 10.9):
+        asked.keep_the_deadline(now)
+    asked.start_anew()
+    asked.ask(1, 7, 0)
+    for now in (11.1, 12.0):
+        asked.keep_the_deadline(now)
+    assert side.expired == 0
+
+
+def test_a_peer_that_is_asked_after_another_one_has_its_own_time(
+    node, side, monkeypatch
+):
+    scenario = load_scenario("env2-4r", peers="all")
+    run = make_run(scenario, TIMEOUTS)
+    asked = Peers(node, run, messages_of(run), side)
+    asked.ask(1, 7, 0)
+    asked.keep_the_deadline(10.0)
+    monkeypatch.setattr(peers.time, "monotonic", lambda: 10.9)
+    node.sent[-1].set_result(plan(7, 3))
+    asked.ask(2, 7, 0)
+    side.asking = 2
+    asked.keep_the_deadline(11.8)
+    assert side.expired == 0
+    asked.keep_the_deadline(11.9)
+    assert side.expired == 1
+
+
 def test_a_late_reward_is_no_peer_s_fault(node, side, asked):
     side.waiting = ("reward", 7)
     side.asking = -1

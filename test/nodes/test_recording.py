@@ -91,6 +91,16 @@ def test_diagnostics_of_other_namespaces_are_not_recorded(
     assert node.recording.bag.message_count - before == kept
 
 
+def test_diagnostics_that_nobody_can_read_are_counted(recording):
+    node = recording()
+    [(_, callback)] = [
+        pair for pair in node.ears if pair[0].topic == ros_topics.DIAGNOSTICS.name
+    ]
+    callback(b"\x00\x01\x00\x00\xff\xff\xff\xff")
+    assert node.failure is None
+    assert node.subscriber.dropped[ros_topics.DIAGNOSTICS.name] == 1
+
+
 def test_who_talks_on_keeps_no_recorder(recording):
     """Another node on a topic of the team; late messages in a busy moment still count."""
     node = recording()

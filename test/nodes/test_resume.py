@@ -181,10 +181,10 @@ class Under:
         self.side = side
         for node in self.ears:
             self.says(node, NO_ATTEMPT)
-        assert self.restart.missing() == [*self.ears]
+        assert self.restart.begin_when_complete() == [*self.ears]
         for node in self.ears:
             self.says(node)
-        assert self.restart.missing() == []
+        assert self.restart.begin_when_complete() == []
 
     def listen(self, topic, then, owner, *, read):
         self.ears[owner] = then

@@ -6,8 +6,9 @@ All nodes know one thing: "begin at checkpoint s". The world orders it at the ru
 is 0, and whenever a process has come in place of another one: s is the newest checkpoint that all
 nodes have. Who gets an order forgets all that came after that checkpoint.
 
-So a robot that dies between its action and the reward loses nothing: the world leaves it out
-(`WorldSide.expire`), and when it comes again all make that step again, with the same draws.
+So a robot that dies between its action and the reward loses nothing if it comes again: that step
+is made with its action, the world leaves it out of the next ones (`WorldSide.expire`), and then
+all make them again, with the same draws.
 """
 
 import math
@@ -46,7 +47,7 @@ class WorldAttempts:
 
     Attributes:
         order: the last order.
-        said: the last message of each node that has said something.
+        reports: the last message of each node that has sent one.
         limit: the time step at which the world waits for the recorder.
     """
 

@@ -89,8 +89,8 @@ class Reminder:
 class Deadline:
     """The deadline of a robot's waiting in the lock step.
 
-    A peer that answers "not there yet" is not silent: its deadline runs from its last answer, but
-    no longer than the world would wait for it.
+    Peers that answer, also "not there yet", are not silent: the deadline runs from their last
+    answer, but no longer than the world would wait for the robot.
 
     Args:
         percept_timeout: seconds of silence.
@@ -103,12 +103,16 @@ class Deadline:
         self._waiting: tuple[str, int] | None = None
         self._since = 0.0
 
+    def over(self) -> None:
+        """The wait is over."""
+        self._waiting = None
+
     def passed(self, waiting: tuple[str, int] | None, heard: float, now: float) -> bool:
         """Return True, once, when the deadline of a wait has passed.
 
         Args:
             waiting: as `RobotSide.waiting`.
-            heard: the time of the asked peer's last answer.
+            heard: the time of the last answer of a peer.
             now: the time.
         """
         if waiting is None or waiting != self._waiting:
@@ -120,7 +124,7 @@ class Deadline:
             and now - self._since < self._longest
         ):
             return False
-        self._waiting = None
+        self.over()
         return True
 
 

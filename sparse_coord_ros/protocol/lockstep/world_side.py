@@ -229,8 +229,8 @@ class WorldSide:
     def expire(self) -> list[int]:
         """Leave out the robots that missed the deadline; return them.
 
-        The other robots continue: with the next step, or with a new episode if all of them have
-        arrived. Without any other, the world continues to wait.
+        The barrier is open then. Where all other robots have arrived, a new episode begins.
+        Without any other, the world continues to wait.
         """
         missing = self.missing()
         if not missing or len(self.absent.union(missing)) == len(self._robots):
@@ -238,9 +238,7 @@ class WorldSide:
         self.timeouts += len(missing)
         self.absent.update(missing)
         self._awaited.clear()
-        if self.complete:
-            self.advance()
-        else:
+        if not self.complete:
             self.new_episode(StartReason.NOBODY_LEFT)
         return missing
 

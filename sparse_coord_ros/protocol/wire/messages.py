@@ -381,6 +381,8 @@ class Messages:
         if fields is None:
             fields = self._decoded(wire.REWARD, REWARD_FORM, data)
         sec, nanosec, individual, common, cost, total, partners = fields
+        if not isfinite(individual + common + cost):
+            raise ValueError(f"says {individual:g}, {common:g}, {cost:g}: no reward")
         reward = Reward(individual, common, cost, total, int(partners))
         return (sec * SECOND + nanosec + self._half) // self.period, reward
 

@@ -186,13 +186,16 @@ class Peers:
 
     def start_anew(self) -> None:
         """Drop pending requests: the run goes back to an earlier time step."""
+        self._deadline.over()
         for peer in self._peers.values():
             peer.start_anew()
 
     def keep_the_deadline(self, now: float) -> None:
         """Give up overdue questions; send requests that could not be sent before."""
         asked = self._peers.get(self._side.asking)
-        heard = 0.0 if asked is None else asked.heard
+        heard = 0.0
+        if asked is not None:
+            heard = max(peer.heard for peer in self._peers.values())
         if self._deadline.passed(self._side.waiting, heard, now):
             if asked is not None:
                 asked.gave_up()

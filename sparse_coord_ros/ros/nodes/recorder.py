@@ -7,7 +7,6 @@ import math
 import shutil
 import struct
 import time
-from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -76,7 +75,7 @@ class Recording:
         run, bag: as above.
         messages: the run's messages.
         now_ns: the newest stamp seen.
-        said_ns: the newest time in the world's status.
+        status_ns: the newest time in the world's status.
         heard: the time of the last message, by `time.monotonic`.
         attempt: the attempt whose segment of the bag is open.
         final: the robots whose last tables have come.
@@ -330,19 +329,17 @@ class Recording:
         if node.direct is not None and topic.packed:
             node.direct.topic(node.resolve_topic_name(name)).write = node.guarded(write)
         else:
-            if topic is ros_topics.DIAGNOSTICS:
-                write = partial(self._write_ours, write)
             qos = ros_topics.recorder_qos(topic)
             if node.direct is None and each_step:
                 qos = ros_topics.kept_qos(topic)
-            node.subscriber.listen_packed(
-                topic, lambda data: (data,), write, owner, qos=qos
-            )
-
-    def _write_ours(self, write: Callable[[bytes], None], data: bytes) -> None:
-        """Write diagnostics that are of nodes in this node's namespace."""
-        if self._of_this_namespace(data):
-            write(data)
+            listen = partial(node.subscriber.listen_packed, topic, owner=owner, qos=qos)
+            if topic is ros_topics.DIAGNOSTICS:
+                listen(
+                    lambda data: (data, self._of_this_namespace(data)),
+                    lambda data, ours: write(data) if ours else None,
+                )
+            else:
+                listen(lambda data: (data,), write)
 
     def _of_this_namespace(self, data: bytes) -> bool:
         """Return whether diagnostics are of nodes in this node's namespace."""

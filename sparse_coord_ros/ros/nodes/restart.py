@@ -46,8 +46,8 @@ class Restart(WorldAttempts):
                 ros_topics.PROGRESS, then, name, read=read_progress
             )
 
-    def missing(self) -> list[str]:
-        """Before the run: order it to begin when all have come; return who has not begun it."""
+    def begin_when_complete(self) -> list[str]:
+        """Order the run to begin when all have come; return who has not come, or not begun it."""
         if self.order.attempt != NO_ATTEMPT:
             return self.waiting
         if self.silent:

@@ -135,7 +135,7 @@ class RobotNode(Follower):
         self._attempts = RobotAttempts(
             self.lockstep, self.output.store, fresh, self.order_before.attempt
         )
-        self._asking = b""
+        self._shown_map = b""
         self.peers = Peers(self, run, self._messages, self.lockstep)
         self.offer(services.SAVE, self._on_save)
         self._say_progress()
@@ -184,7 +184,7 @@ class RobotNode(Follower):
             heard.pop(self._name, None)
         self.peers.start_anew()
         self.joined = False
-        self._asking = b""
+        self._shown_map = b""
         self._publish_tables(wire.Occasion.BEGIN)
         if step:
             step = self.lockstep.transitions
@@ -276,8 +276,8 @@ class RobotNode(Follower):
     def episode(self, step: int) -> None:
         """Publish where the robot asks, if that has changed since the episode before."""
         asking = self._messages.asking_cells(self.lockstep.agent.q_star)
-        if asking != self._asking:
-            self._asking = asking
+        if asking != self._shown_map:
+            self._shown_map = asking
             data = self._messages.pack_coordination_map(step, asking)
             self._map_publisher.publish(data)
 

@@ -124,7 +124,7 @@ class WorldSimulator(ParameterNode):
         self._names = self.run.scenario.names
         self.bodies: WorldBodies | None = None
         if self.run.bodies:
-            self.bodies = WorldBodies(self, self.run, self._happens)
+            self.bodies = WorldBodies(self, self.run, self._step_when_due)
             game: World = self.bodies.game
         else:
             game = World(self.run.scenario, self.run.seed)
@@ -145,13 +145,16 @@ class WorldSimulator(ParameterNode):
         """The world's activity: a `wire.RunState`."""
         return self.state.published(greedy=self.run.greedy, resuming=self.resumed)
 
-    def _happens(self, event: Event | None = None) -> None:
-        """Change the state by an event, if any, and make the time step that is due.
+    def _happens(self, event: Event) -> None:
+        """Change the state by an event, and make the time step that is due."""
+        self.state = next_state(self.state, event)
+        self._step_when_due()
+
+    def _step_when_due(self) -> None:
+        """Make the time step if all have acted, and the state allows it.
 
         Bodies first get goals, and must arrive: they drive while the world rests.
         """
-        if event is not None:
-            self.state = next_state(self.state, event)
         side = self.lockstep
         moving = self.state in MOVING
         if not (moving or self.state is State.RESTING) or not side.complete:
@@ -197,7 +200,7 @@ class WorldSimulator(ParameterNode):
         if self.state in UNDER_WAY:
             self.topics.newest[robot] = (step, action, report)
             if self.lockstep.action(robot, step, action):
-                self._happens()
+                self._step_when_due()
 
     def _on_pause(self, hold: bool) -> tuple[bool, str]:
         self._silence.begin(time.monotonic())
@@ -294,7 +297,7 @@ class WorldSimulator(ParameterNode):
         return f"ros2 run sparse_coord_ros {started}"
 
     def _start_when_complete(self, now: float) -> None:
-        missing = self.restart.missing() or self._missing()
+        missing = self.restart.begin_when_complete() or self._missing()
         if missing:
             self.remind(self.reminder, ", ".join(missing))
             limit = self.startup_timeout
@@ -339,7 +342,7 @@ class WorldSimulator(ParameterNode):
         if self.lockstep.world.step >= self.restart.limit:
             self._wait_for_the_recorder(now)
             return
-        self._happens()  # the recorder may have written meanwhile
+        self._step_when_due()  # the recorder may have written meanwhile
         if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
             self.reminder.over()
             return
@@ -381,12 +384,6 @@ class WorldSimulator(ParameterNode):
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         at = f"step {side.world.transitions}"
         self.remind(self.reminder, f"{names} at {at}")
-        if self.lost_timeout <= stands:
-            why = f"the world has waited for {stands:.0f} s for {names}"
-            saved = "all is saved; start all nodes again"
-            if not self.values["out"]:
-                saved = "parameter 'out' is empty: the run is not saved"
-            raise RunError(f"{at}: {why}; {saved}")
         if silent < self.run.step_timeout and not (
             missing and self.topics.gone(missing)
         ):
@@ -401,7 +398,13 @@ class WorldSimulator(ParameterNode):
             self.get_logger().warning(
                 f"{what}; continuing without them", throttle_duration_sec=5.0
             )
-            self._end_when_finished()
+            self._step_when_due()
+        elif self.lost_timeout <= stands:
+            why = f"the world has waited for {stands:.0f} s for {names}"
+            saved = "all is saved; start all nodes again"
+            if not self.values["out"]:
+                saved = "parameter 'out' is empty: the run is not saved"
+            raise RunError(f"{at}: {why}; {saved}")
 
     def keep_the_rate(self) -> None:
         """Make the timer of the rate, which may have changed; without a rate a step is due."""

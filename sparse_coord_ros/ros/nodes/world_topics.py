@@ -134,8 +134,12 @@ class WorldTopics:
     # Other messages.
 
     def start_anew(self) -> None:
-        """Publish the clock with the next state, even if the clock already has this time."""
+        """Publish the clock with the next state, even if the clock already has this time.
+
+        Actions of the time that is taken back are not shown any more.
+        """
         self._clock_step = -1
+        self.newest.clear()
 
     def open(self, *, resumed: bool) -> None:
         """Publish the run, its map and markers; of a new run also the robots' first places."""
