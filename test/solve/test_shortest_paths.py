@@ -216,6 +216,19 @@ def test_a_pair_too_large_for_the_joint_chain_is_played(monkeypatch):
     assert gap < 4 * played.error("miscoordinations")
 
 
+def test_many_robots_among_many_doorways_are_played(monkeypatch):
+    """Their exact measures would take an array for each set of robots in doorways."""
+    assert shortest_paths("building-4x2x4-32r-0").source != EXACT
+    scenario = load_scenario("env2-4r")
+    exactly = shortest_paths(scenario)
+    monkeypatch.setattr("sparse_coord_ros.core.solve.shortest_paths.MOST_SETS", 1)
+    played = shortest_paths(scenario)
+    assert (exactly.trials, played.trials) == (0, 10_000)
+    for measure in ("returns", "miscoordinations"):
+        gap = abs(played.mean(measure) - exactly.mean(measure))
+        assert gap < 4 * played.error(measure)
+
+
 def test_it_says_who_fails(make):
     stuck = make("1..2", move_success=1, interactions="block:anywhere")
     assert shortest_paths(stuck).failed

@@ -6,10 +6,11 @@ Each robot walks a shortest path to its goal and never minds the others (paper, 
 robots can only be together, they are independent Markov chains: each is carried forward on its
 own, and at every time step the chance of a miscoordination follows from who is how likely where.
 With swap or block they are not independent: a pair is evaluated as one joint chain, exactly,
-and a larger team by trials.
+and a larger team by trials; so is one of many robots among many doorways.
 """
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -18,6 +19,7 @@ from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.interactions import (
     NOWHERE,
+    Interactions,
     interactions_of,
     miscoordinates,
     miscoordinations,
@@ -33,8 +35,11 @@ NEGLIGIBLE_PROBABILITY = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
 PLAYED = 10_000
-"""Trials of a team that swaps or blocks and is too large for the joint chain; all draws are
-those of one seed."""
+"""Trials of a team that is too large for exact measures; all draws are those of one seed."""
+
+MOST_SETS = 2**16
+"""The most sets of robots, each in a doorway of its own, for exact measures of a team that can
+only be together."""
 
 
 def shortest_paths(scenario: ScenarioLike) -> Measures:
@@ -42,7 +47,7 @@ def shortest_paths(scenario: ScenarioLike) -> Measures:
 
     It is what `indiv` tends to. Of equally short ways each move is equally likely at every cell,
     as greedy agents choose between equal values. They are exact, but for more than two robots
-    that swap or block they are those of 10,000 trials.
+    that swap or block, and for many robots among many doorways, they are those of 10,000 trials.
     Robots that can only be together are independent: their returns and times to the goal know no
     horizon, unlike those of trials, and spreads are not known. Miscoordinations and arrivals are
     those within the horizon.
@@ -52,7 +57,8 @@ def shortest_paths(scenario: ScenarioLike) -> Measures:
     """
     scenario = loaded(scenario)
     moves = [_shortest(scenario, robot) for robot in scenario.robots]
-    if only_together(interactions_of(scenario)):
+    inter = interactions_of(scenario)
+    if only_together(inter) and _sets_in_doorways(scenario, inter) <= MOST_SETS:
         return _independent(scenario, moves)
     if len(scenario.robots) > MOST_ROBOTS:
         return _played(scenario, moves)
@@ -60,6 +66,13 @@ def shortest_paths(scenario: ScenarioLike) -> Measures:
         return _joint(scenario, moves)
     except SettingError:  # too many joint states
         return _played(scenario, moves)
+
+
+def _sets_in_doorways(scenario: Scenario, inter: Interactions) -> int:
+    """Return how many sets of robots can be in doorways, each in one of its own."""
+    team = len(scenario.robots)
+    doorways = len(np.unique(inter.places[inter.places != NOWHERE]))
+    return sum(math.comb(team, inside) for inside in range(doorways + 1))
 
 
 def _joint(scenario: Scenario, moves: Sequence[np.ndarray]) -> Measures:
