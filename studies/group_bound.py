@@ -26,15 +26,15 @@ policy leads (real-time dynamic programming; Barto, Bradtke & Singh, Artificial 
 
 import argparse
 import json
-import sys
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SettingError, SparseCoordError
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.core.game.interactions import interactions_of, only_together
 from sparse_coord_ros.core.game.specs import Spec
 from sparse_coord_ros.core.solve.optimum import payment, successors, value_alone
@@ -331,8 +331,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -10,10 +10,10 @@ failed teams and the least arrival of a team, without the map and with it.
 """
 
 import argparse
-import sys
+
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.base.percents import percent
 
 PRIORS = ("none", "map")
@@ -66,8 +66,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -25,9 +25,10 @@ import numpy as np
 import pandas as pd
 import yaml
 from entries import GPCQ, Always, Gate
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SettingError, SparseCoordError
+from sparse_coord_ros.base.errors import SettingError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.studies.lists import LISTS, PENALTY, items_of
@@ -325,8 +326,4 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

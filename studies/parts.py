@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.learners import voi
 from sparse_coord_ros.core.solve.shipped import known_top
@@ -221,8 +221,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

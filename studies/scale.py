@@ -11,15 +11,14 @@ is named as everywhere. It prints one line.
 
 import argparse
 import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.lab.maps.plan import suggested_settings
 
 SIDE = 13
@@ -94,8 +93,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -17,16 +17,15 @@ folder.
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import chain, product
 from pathlib import Path
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.solve.shipped import BestTeam, game_digest, unseen_buildings
 from sparse_coord_ros.studies.lists import LISTS, PENALTY
 
@@ -152,8 +151,4 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -11,12 +11,11 @@ over buildings. Nothing was chosen by these buildings. Of sixteen robots one tea
 """
 
 import argparse
-import sys
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.game.draws import MOVE_TIE
@@ -115,8 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -21,17 +21,16 @@ reach the result; it is not a bound.
 import argparse
 import functools
 import json
-import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import count, product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.base.compiling import has_numba, jit, jitable
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.core.game.actions import PRIMITIVES
 from sparse_coord_ros.core.game.grid import moves_to
 from sparse_coord_ros.core.game.interactions import (
@@ -380,8 +379,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -26,9 +26,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.base.palette import LINE_COLOURS
 from sparse_coord_ros.core.game.percepts import chance_of_answer
 from sparse_coord_ros.core.learners.registry import learner_of
@@ -484,8 +484,4 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -12,12 +12,11 @@ time that robots spend there, and the share of the cells there. With `--out` the
 """
 
 import argparse
-import sys
 
 import numpy as np
+from script import run_script
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.base.errors import SparseCoordError
 from sparse_coord_ros.base.percents import percent
 
 NEAR = 2
@@ -77,8 +76,4 @@ def main() -> None:
 
 # plain Python learns in processes, which import this file again
 if __name__ == "__main__":
-    try:
-        main()
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    run_script(main)

@@ -47,10 +47,13 @@ RUNS = {
 }
 """Arguments, and a part of what is printed."""
 
+LEADERBOARD = ("leaderboard.py", "entries.py", "script.py")
+"""A script that writes into its own folder, so it runs in a copy of it; and what it imports."""
+
 
 def test_every_study_is_here():
-    leaderboard = {"leaderboard.py", "entries.py"}
-    assert {path.name for path in STUDIES.glob("*.py")} == set(RUNS) | leaderboard
+    there = {path.name for path in STUDIES.glob("*.py")}
+    assert there == {*RUNS, *LEADERBOARD}
 
 
 @pytest.fixture
@@ -89,7 +92,7 @@ def test_a_study_runs(name, study, tmp_path):
 @pytest.mark.long
 def test_the_leaderboard_tunes_and_judges(study, tmp_path):
     """The best of twenty protocols stands in the file that the leaderboard reads."""
-    for name in ("leaderboard.py", "entries.py"):
+    for name in LEADERBOARD:
         shutil.copy(STUDIES / name, tmp_path)
     script = tmp_path / "leaderboard.py"
     lists = f"--lists crowds --entries coop GPCQ {TINY}"
@@ -121,7 +124,7 @@ def test_the_tuned_protocols_are_some_of_the_twenty():
 
 
 def test_a_list_without_tuned_protocols(study, tmp_path):
-    for name in ("leaderboard.py", "entries.py"):
+    for name in LEADERBOARD:
         shutil.copy(STUDIES / name, tmp_path)
     words = "--lists crowds --entries coop"
     said = study(tmp_path / "leaderboard.py", words, code=2).stderr

@@ -110,7 +110,7 @@ def table(figures: Sequence[Figure], pythons: Sequence[str], repeats: int) -> st
     for number, figure in enumerate(figures):
         row = [figure.title]
         for installation in range(len(pythons)):
-            row += spread([seconds[number][installation] for seconds in repeated])
+            row += spread([values[number][installation] for values in repeated])
         rows.append(row)
     head = ["medians", "here", "range", "beside it", "range"]
     return format_table(head[: len(rows[0])], rows)

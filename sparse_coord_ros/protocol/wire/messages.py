@@ -376,7 +376,11 @@ class Messages:
         return REWARD_FORM.layout.pack(*divmod(step * self.period, SECOND), *reward)
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
-        """Return (step, reward) of a reward; ValueError: labels are missing or doubled."""
+        """Return (step, reward) of a reward.
+
+        Raises:
+            ValueError: labels are missing or doubled, or a part is no finite number.
+        """
         fields = REWARD_FORM.layout.unpack(data)
         if fields is None:
             fields = self._decoded(wire.REWARD, REWARD_FORM, data)
