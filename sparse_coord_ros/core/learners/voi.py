@@ -57,7 +57,7 @@ from sparse_coord_ros.core.learners.rules import (
 )
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
-WALL = 4
+WALL = 6
 """Tries after which a move that never led out of its cell is one into a wall: it may have slipped
 before."""
 
