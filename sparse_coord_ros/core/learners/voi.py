@@ -58,8 +58,8 @@ from sparse_coord_ros.core.learners.rules import (
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
 WALL = 6
-"""Tries after which a move that never led out of its cell is one into a wall: it may have slipped
-before."""
+"""Tries after which a move that never led out of its cell is one into a wall. It may have slipped:
+an open door that is taken for a wall may never be tried again, where a longer way is open."""
 
 MAP_TRIES = 20
 """For how many tries of each move a known map counts."""
