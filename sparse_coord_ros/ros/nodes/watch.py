@@ -284,7 +284,7 @@ class WatchNode(Follower):
         self.at_end.callback(self.server.close)
         if self.server.warning:
             self.get_logger().warning(self.server.warning)
-        self.get_logger().info(f"watch it at {self.server.address}")
+        self.get_logger().info(f"the page is at {self.server.address}")
 
     def wait(self) -> None:
         """Report that no team has appeared yet."""
