@@ -6,8 +6,8 @@ python studies/parts.py [--parts PART...] [--lists LIST...] [--seed N] > docs/ta
 
 A learner without a part is the file of `voi` with some lines replaced, in a module of its own. The
 table, in Markdown, has a column for each list: what is lost without the part, in points of the
-share of the gap, with a bootstrap over buildings as its standard error, and failed teams. Teams
-without the part and with it have the same seeds.
+share of the gap, with a bootstrap over buildings, and teams in each, as its standard error, and
+failed teams. Teams without the part and with it have the same seeds.
 """
 
 import argparse
@@ -25,6 +25,7 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.base.percents import percent
 from sparse_coord_ros.core.learners import voi
 from sparse_coord_ros.core.solve.shipped import known_top
+from sparse_coord_ros.studies.benchmark import pooled_share
 from sparse_coord_ros.studies.lists import LISTS, PENALTY
 
 COLUMNS = {
@@ -35,8 +36,6 @@ COLUMNS = {
     "eight robots": ("unseen2-eight", 2, {}),
 }
 """List, teams in each building, and settings, by the column's title."""
-
-RESAMPLES = 2000
 
 TRIALS = 500
 
@@ -127,17 +126,17 @@ def without(part: str, folder: str) -> type[sc.Learner]:
 
 
 @functools.cache
-def gap(name: str, number: int) -> tuple[float, float]:
-    """Return where the gap of a scenario of a list begins, and how large it is."""
+def ends_of_gap(name: str, number: int) -> tuple[float, float]:
+    """Return where the gap of a scenario of a list begins and ends."""
     item = LISTS[name][number]
     settings = {"penalty": PENALTY, **item.settings}
     scenario = sc.load_scenario(item.scenario, **settings)
     low = sc.shortest_paths(scenario).mean("returns")
-    return low, known_top(scenario.with_settings({"perception": "always"})) - low
+    return low, known_top(scenario.with_settings({"perception": "always"}))
 
 
 def stood(learner, column: str, settings, options):
-    """Return the mean return in each building of a list, and failed teams."""
+    """Return the teams' returns in each building of a list, and failed teams."""
     name, runs, own = COLUMNS[column]
     returns = []
     failed = 0
@@ -154,16 +153,9 @@ def stood(learner, column: str, settings, options):
             jobs=options.jobs,
         )
         measures = sc.by_run([team.measures for team in teams])
-        returns.append(measures.mean("returns"))
+        returns.append(measures.each("returns"))
         failed += measures.failed
-    return np.array(returns), failed
-
-
-def share_of(gained, gaps) -> tuple[float, float]:
-    """Return what was gained in all buildings, as a share of the gap, and its standard error."""
-    drawn = np.random.default_rng(0).integers(len(gaps), size=(RESAMPLES, len(gaps)))
-    shares = gained[drawn].sum(axis=1) / gaps[drawn].sum(axis=1)
-    return float(gained.sum() / gaps.sum()), float(shares.std(ddof=1))
+    return returns, failed
 
 
 def main() -> None:
@@ -192,16 +184,18 @@ def main() -> None:
             cells = [PARTS[part].words]
             for column in options.lists:
                 returns, failed = stood(learner, column, PARTS[part].settings, options)
-                name, runs, _ = COLUMNS[column]
-                ends = np.array([gap(name, i) for i in range(len(returns))])
-                low, gaps = ends.T
+                name = COLUMNS[column][0]
+                ends = [ends_of_gap(name, number) for number in range(len(returns))]
+                low, high = np.array(ends).T
                 if part == "none":
                     whole[column] = returns
-                    share, error = share_of(returns - low, gaps)
-                    teams = len(returns) * (options.runs or runs)
+                    share, error = pooled_share(returns, low, high)
+                    teams = sum(map(len, returns))
                     said = f"{percent(share)} ({100 * error:.1f}); {failed} of {teams}"
                 else:
-                    lost, error = share_of(returns - whole[column], gaps)
+                    pairs = zip(returns, whole[column], strict=True)
+                    changes = [partial - complete for partial, complete in pairs]
+                    lost, error = pooled_share(changes, np.zeros(len(low)), high - low)
                     said = f"{100 * lost:+.1f} ({100 * error:.1f}); {failed}"
                 cells.append(said)
             print("| " + " | ".join(cells) + " |", flush=True)

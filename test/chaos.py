@@ -10,8 +10,6 @@ all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tabl
 of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
 to say "identical", unless a recorder that was killed came back after the run's end.
 Summary, history, diagnostics and log are to count alike (`live_teams.odd_counts`).
-
-In some runs the output directory is deleted.
 """
 
 import argparse
@@ -46,7 +44,6 @@ LIMIT_SECONDS = PATIENCE_SECONDS
 
 KILL = "killed"
 STOP = "stopped"
-DELETE = "its directory deleted"
 
 
 class Fault(NamedTuple):
@@ -91,7 +88,6 @@ def plan_of(seed: int) -> Plan:
     chance = random.Random(seed)
     steps = chance.randrange(300, 601)
     faults = []
-    kind = chance.choice((KILL, KILL, KILL, KILL, KILL, DELETE))
     for _ in range(chance.choice((1, 1, 2, 3))):
         who = chance.choice(
             (*((node,) for node in NODES), *((node,) for node in NODES), NODES)
@@ -102,8 +98,6 @@ def plan_of(seed: int) -> Plan:
             what = STOP
             seconds = chance.uniform(0.1, 3.0)
         faults.append(Fault(chance.randrange(1, steps // 4), who, what, seconds))
-    if kind == DELETE:
-        faults = [Fault(chance.randrange(1, steps // 4), NODES, DELETE, 0.0)]
     return Plan(steps, chance.choice((0, 25, 40, 100)), tuple(faults))
 
 
@@ -213,11 +207,7 @@ class Team:
         alive = [name for name in fault.who if name in self.running]
         if WORLD not in self.running:  # the run is over
             return
-        if fault.what == DELETE:
-            # at once, whoever writes into it
-            gone = self.out.rename(self._folder / "deleted")
-            shutil.rmtree(gone)
-        elif fault.what == STOP:
+        if fault.what == STOP:
             for number, pause in (
                 (signal.SIGSTOP, fault.seconds),
                 (signal.SIGCONT, 0.0),
@@ -252,12 +242,7 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
         team.kill(list(team.running))
     # a recorder that was killed came back after the run's end
     late = "records env1 from now on" not in team.log.rpartition("will record to")[2]
-    rescued = (
-        team.out / f"{BAG_DIRECTORY}_rescued"
-    ).exists()  # it says so, and ends with 2
-    codes = [
-        (n, c) for n, c in team.codes if c and not ((late or rescued) and n == RECORDER)
-    ]
+    codes = [(n, c) for n, c in team.codes if c and not (late and n == RECORDER)]
     wrong += [f"{name} ended with exit code {code}" for name, code in codes]
     if "Traceback" in team.log:
         wrong.append("a traceback")
@@ -274,8 +259,7 @@ def judge(plan: Plan, out: Path, *, late: bool = False) -> list[str]:
     """
     try:
         wrong = [] if same_tables(out) else ["tables"]
-        bags = (out / BAG_DIRECTORY, out / f"{BAG_DIRECTORY}_rescued")
-        found = verify(next(bag for bag in bags if bag.exists()))
+        found = verify(out / BAG_DIRECTORY)
     except SparseCoordError as error:
         return [str(error)]
     wrong += [] if found.difference is None else [f"verify: {found.difference}"]

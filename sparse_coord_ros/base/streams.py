@@ -5,27 +5,22 @@
 A stream may be closed, its reader may have left, or its encoding may lack a character.
 """
 
-import codecs
 import io
 import os
 import sys
-
-IN_ASCII = {"±": "+/-", "✓": "v", "✗": "x", "⇄": "<->"}
-"""Our own signs, where the encoding of a stream lacks them."""
 
 
 def open_streams() -> None:
     """Make the standard streams of this process usable; call it before any file is opened."""
     _replace_closed()
-    codecs.register_error("in_ascii", _in_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="in_ascii")
+            stream.reconfigure(errors="backslashreplace")
     if sys.stderr is sys.__stderr__ and isinstance(sys.stderr, io.TextIOWrapper):
         sys.stderr = io.TextIOWrapper(
             io.BufferedWriter(_Notes(sys.stderr.fileno())),
             encoding=sys.stderr.encoding,
-            errors="in_ascii",
+            errors="backslashreplace",
             line_buffering=True,
         )
 
@@ -43,15 +38,6 @@ def _replace_closed() -> None:
         stream = open(number, "r" if name == "stdin" else "w", closefd=False)
         setattr(sys, name, stream)
         setattr(sys, f"__{name}__", stream)
-
-
-def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """Return the characters that cannot be encoded in other words, as an error handler."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    signs = error.object[error.start : error.end]
-    plain = (IN_ASCII.get(c, c.encode("unicode_escape").decode()) for c in signs)
-    return "".join(plain), error.end
 
 
 class _Notes(io.RawIOBase):

@@ -95,8 +95,7 @@ def execute(options: argparse.Namespace) -> None:
     facts = [facts_of(run) for run in runs]
     parts = [result_table(group, spread=options.spread) for group in by_game(runs)]
     if len(runs) == 1:
-        [(_, config, measures)] = runs
-        parts.append(verdict_on(config.scenario, config.rule, measures).text)
+        parts.append(facts[0]["verdict"].text)
         tell(options, facts[0], "\n".join(parts))
     else:
         tell(options, {"runs": facts}, "\n\n".join(parts))

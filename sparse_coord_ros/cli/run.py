@@ -49,8 +49,8 @@ OPTIONS = (
     shared.Option(
         "--checkpoint STEPS",
         RUN_SETTINGS["checkpoint"],
-        "save a checkpoint and record the tables every STEPS time steps of the world (default: "
-        "10000; 0: only at the end)",
+        "save a checkpoint and record the tables every STEPS time steps: steps of learning, and "
+        "two more for each new episode (default: 10000; 0: only at the end)",
         {"default": None},
     ),
     shared.Option("--tables DIR", None, "start from the tables of this run directory"),

@@ -51,20 +51,11 @@ def test_a_reader_of_the_notes_that_leaves_ends_no_work(tmp_path):
     assert (tmp_path / "run" / "tables.npz").exists()
 
 
-ASCII = (
-    {"PYTHONIOENCODING": "ascii"},
-    {"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
-)
-
-
-@pytest.mark.parametrize(
-    "env", [ASCII[0], pytest.param(ASCII[1], marks=pytest.mark.long)]
-)
-def test_signs_that_a_terminal_lacks_are_written_in_ascii(tmp_path, env):
+def test_signs_that_a_stream_lacks_end_no_work(tmp_path):
     shell("TRAIN", tmp_path)
-    done = shell("VERB evaluate run --trials 20", tmp_path, **env)
+    done = shell("VERB evaluate run --trials 20", tmp_path, PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, b"")
-    assert b" +/- " in done.stdout and done.stdout.isascii()
+    assert done.stdout.isascii()
 
 
 @pytest.mark.parametrize(

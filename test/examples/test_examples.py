@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every file of examples/ does what its first lines say, in a folder of its own."""
 
-import csv
 import runpy
 from pathlib import Path
 
@@ -59,18 +58,6 @@ def test_train_and_plot(said, tmp_path, capsys):
     assert (tmp_path / "learning_curve.png").read_bytes()[1:4] == b"PNG"
     assert main(["evaluate", "runs/coop", "--trials", "5"]) == 0
     assert "  5 trials\n" in capsys.readouterr().out
-
-
-def test_twenty_runs(said, tmp_path):
-    assert "miscoordinations" in said("twenty_runs.py", 500, 2)
-    with (tmp_path / "twenty_runs.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [(row["learner"], row["seed"]) for row in rows] == [
-        ("noncoop", "0"),
-        ("noncoop", "1"),
-        ("coop", "0"),
-        ("coop", "1"),
-    ]
 
 
 def test_own_perception(said):

@@ -92,6 +92,7 @@ def elements(name):
 NAMES_IN_3 = {
     "heartbeat_period": "heartbeatPeriod",
     "nack_response_delay": "nackResponseDelay",
+    "nack_supression_duration": "nackSupressionDuration",
     "heartbeat_response_delay": "heartbeatResponseDelay",
 }
 ONLY_HERE = "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>"

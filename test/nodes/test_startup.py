@@ -23,9 +23,9 @@ from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, Progress
 from sparse_coord_ros.ros.nodes import parameters, robot, ros_topics
-from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.ros_messages import status
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 from sparse_coord_ros.ros.nodes.world_simulator import WorldSimulator

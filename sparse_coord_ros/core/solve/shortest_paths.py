@@ -9,6 +9,7 @@ With swap or block they are not independent: a pair is evaluated as one joint ch
 and a larger team by trials; so is one of many robots among many doorways.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -50,12 +51,16 @@ def shortest_paths(scenario: ScenarioLike) -> Measures:
     that swap or block, and for many robots among many doorways, they are those of 10,000 trials.
     Robots that can only be together are independent: their returns and times to the goal know no
     horizon, unlike those of trials, and spreads are not known. Miscoordinations and arrivals are
-    those within the horizon.
+    those within the horizon. They are kept: those of the same scenario are not computed again.
 
     Args:
         scenario: the problem.
     """
-    scenario = loaded(scenario)
+    return _measures_of(loaded(scenario))
+
+
+@functools.lru_cache(maxsize=16)
+def _measures_of(scenario: Scenario) -> Measures:
     moves = [_shortest(scenario, robot) for robot in scenario.robots]
     inter = interactions_of(scenario)
     if only_together(inter) and _sets_in_doorways(scenario, inter) <= MOST_SETS:

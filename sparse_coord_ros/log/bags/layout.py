@@ -5,7 +5,6 @@
 import contextlib
 import errno
 import os
-import shutil
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -13,7 +12,6 @@ from typing import BinaryIO
 from sparse_coord_ros.base.errors import BagError, retold
 from sparse_coord_ros.base.files import (
     PARTIAL,
-    rescue,
     sync_directory,
     take_lock,
     write_whole,
@@ -43,8 +41,7 @@ class OutputFile:
     file is locked, so that others know that it is being recorded.
 
     Attributes:
-        path: the file; its name ends with `.partial` until `finish`, which puts it into another
-            directory if its own was deleted.
+        path: the file; its name ends with `.partial` until `finish`.
         refusal: the reason why the file accepts no more bytes; None while it does.
     """
 
@@ -53,7 +50,7 @@ class OutputFile:
         self.path = path.with_name(path.name + PARTIAL)
         self.refusal: str | None = None
         self._position = 0
-        self._file = open(self.path, "x+b", buffering=0)
+        self._file = open(self.path, "xb", buffering=0)
         take_lock(self._file, exclusive=True)
 
     @property
@@ -94,36 +91,16 @@ class OutputFile:
         """Do nothing: there is no buffer."""
 
     def finish(self) -> None:
-        """Write everything to the disk, then drop `.partial` from the name; raises BagError.
-
-        A file that was deleted is still open: it is copied to `<directory>_rescued`, or into the
-        folder for temporary files.
-        """
+        """Write everything to the disk, then drop `.partial` from the name; raises BagError."""
+        if not os.fstat(self._file.fileno()).st_nlink:
+            raise BagError(f"{self.path} was deleted while it was recorded")
         whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
         with failing(f"cannot finish {self.path} as {whole.name}", "; all is in it"):
-            if not os.fstat(self._file.fileno()).st_nlink:
-                self.path = self._copied_out(whole.absolute())
-                return
             if whole.exists():
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
             os.fsync(self._file.fileno())
             self.path = self.path.rename(whole)
             sync_directory(whole.parent)
-
-    def _copied_out(self, whole: Path) -> Path:
-        """Return the copy of a file that was deleted; the last OSError passes."""
-
-        def write(directory: Path) -> None:
-            try:
-                with open(directory / whole.name, "xb") as copy:
-                    self._file.seek(0)
-                    shutil.copyfileobj(self._file, copy, 1 << 20)
-                    os.fsync(copy.fileno())
-            except OSError:
-                shutil.rmtree(directory, ignore_errors=True)
-                raise
-
-        return rescue(whole.parent, write) / whole.name
 
     def close(self) -> None:
         """Close the file; raises BagError if the system reports a late failure."""

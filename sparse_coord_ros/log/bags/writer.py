@@ -69,7 +69,6 @@ class BagWriter:
             self._topics_before = earlier.topics
         self._stem = stem
         self._number = number
-        self._gone: Path | None = None
         self._bytes_before = self._messages_before = 0
         self._channels: dict[str, int] = {}
         self._topics: dict[str, BagTopic] = {}
@@ -223,13 +222,8 @@ class BagWriter:
             return
         self._finish_file()
         topics = {**self._topics_before, **self._topics}
-        files = [file for file in self._files if (self._directory / file.name).exists()]
-        information = bag_information(files, topics.values())
+        information = bag_information(self._files, topics.values())
         write_text(self._directory / METADATA_FILE, metadata_yaml(information))
-        if self._gone is not None:
-            gone = f"the bag {self._gone} was deleted while it was recorded"
-            rest = f"{files[0].name} and what came after it, is in {self._directory}"
-            raise BagError(f"{gone}; what was still open, {rest}")
 
     def _finish_file(self) -> None:
         """Finish and rename the file, and close it in any case."""
@@ -251,9 +245,6 @@ class BagWriter:
         finally:
             self._file.close()
         self._files.append(file)
-        if self._file.path.parent != self._directory:  # its own was deleted
-            self._gone = self._gone or self._directory
-            self._directory = self._file.path.parent
 
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.
