@@ -93,7 +93,7 @@ PARTS = {
         "r^C only where this very step was felt",
         {"return r if r != NOT_FELT else 0.0": "return 0.0"},
     ),
-    "wall": Part("a wall after one try", {"\nWALL = 4\n": "\nWALL = 1\n"}),
+    "wall": Part("a wall after one try", {"\nWALL = 6\n": "\nWALL = 1\n"}),
     "arrivals": Part(
         "means over all steps, not over arrivals",
         {"if not follows or mind.last[k, CELL] != x:": "if task.robots > 0:"},
