@@ -30,10 +30,10 @@ from sparse_coord_ros.log.bags.writer import DEFAULT_CHUNK_SIZE
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
 from sparse_coord_ros.protocol.wire import MAP
+from sparse_coord_ros.protocol.wire.published_tables import read_tables
 from sparse_coord_ros.protocol.wire.status import RunStatus
-from sparse_coord_ros.protocol.wire.tables import read_tables
-from sparse_coord_ros.ros.nodes.messages import messages_of, status, tables_message
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of, status, tables_message
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -104,7 +104,8 @@ class Recording:
             scenario = run.scenario
             rule = run.rule
             begin = [
-                taught(scenario, rule, k, one.memory) for k, one in enumerate(tables)
+                one.memory if run.greedy else taught(scenario, rule, k, one.memory)
+                for k, one in enumerate(tables)
             ]
         self.robots = [
             RobotSide(

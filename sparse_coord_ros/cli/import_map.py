@@ -136,11 +136,12 @@ def execute(options: argparse.Namespace) -> None:
         serve(options)
         return
     allowed_with(options, "--page", PAGE_NAMES)
-    plan = along(read_floor_plan(options.map), options.turn)
-    _check_given(options)
-    check_free(options, plan, replace=options.replace)
     from sparse_coord_ros.cli.computing import Bar
 
+    with Bar("pixels", "reading the map"):
+        plan = along(read_floor_plan(options.map), options.turn)
+    _check_given(options)
+    check_free(options, plan, replace=options.replace)
     with Bar("cells", "dividing the map into cells"):
         made = make(options, plan)
     prospect = None
@@ -153,7 +154,8 @@ def execute(options: argparse.Namespace) -> None:
             prospect = prospect_of(made.scenario)
         if prospect.note:
             made.notes.append(prospect.note)
-    picture = write(options, made)
+    with Bar("pictures", "drawing the map"):
+        picture = write(options, made)
     facts = _facts(options.map.stem, made, prospect, picture)
     lines = _lines(made, prospect, facts, corridors=options.corridors)
     tell(options, facts, *lines, f"written: {' '.join(map(str, facts['files']))}")

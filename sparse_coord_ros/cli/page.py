@@ -52,7 +52,7 @@ def served(
 
 def announce(server: "Server", options: argparse.Namespace) -> None:
     """Print the address of a page that has something to show; open it where that is wanted."""
-    note(f"watch it at {server.address}")
+    note(f"the page is at {server.address}")
     if options.browser and not webbrowser.open(server.address):
         note("no browser was found: open that address in one")
 

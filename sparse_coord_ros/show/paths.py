@@ -85,6 +85,7 @@ def floor_figure(
         vmax=255,
         extent=extent,
         interpolation="nearest",
+        interpolation_stage="data",  # colours for the pixels of the picture alone
         transform=turn,
     )
     shades = np.zeros((*grid.shape, 4))

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from sparse_coord_ros.core.runs.run_config import run_from_yaml
 from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.protocol.wire import ACTION, REWARD
-from sparse_coord_ros.ros.nodes.messages import messages_of
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 

@@ -30,7 +30,7 @@ from sparse_coord_ros.lab.driving.body_simulator import (
 from sparse_coord_ros.lab.driving.cmd_vel_driver import CmdVelDriver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command, Limits, move_seconds, steer
-from sparse_coord_ros.lab.driving.transforms import Tree, parent_of, yaw_of
+from sparse_coord_ros.lab.driving.transform_tree import Tree, parent_of, yaw_of
 from sparse_coord_ros.lab.driving.trials import (
     DRIVE_SETTINGS,
     drive,

@@ -19,7 +19,7 @@ from sparse_coord_ros.core.runs.run_config import load_run
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.lockstep.world_side import WorldSide
-from sparse_coord_ros.ros.nodes.messages import messages_of
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 

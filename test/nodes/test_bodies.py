@@ -40,8 +40,8 @@ from sparse_coord_ros.ros.nodes.body_messages import (
     read_goals,
     read_reached,
 )
-from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.outputs import gather
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 from sparse_coord_ros.ros.nodes.transforms import HeardTransforms
 
 from .puppet import puppet

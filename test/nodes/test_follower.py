@@ -16,9 +16,9 @@ from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import follower as module
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.ros.nodes.recorder import Recorder
+from sparse_coord_ros.ros.nodes.ros_messages import status
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
 from .puppet import puppet

@@ -27,6 +27,7 @@ from sparse_coord_ros.core.game.world import Action, Reward
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.bodies import BodyGoal, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import ACTION, REWARD, SelfReport
+from sparse_coord_ros.protocol.wire.published_tables import read_tables
 from sparse_coord_ros.protocol.wire.status import (
     Order,
     Progress,
@@ -35,7 +36,6 @@ from sparse_coord_ros.protocol.wire.status import (
     read_status,
     values_of,
 )
-from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.driving.body import read_command
 from sparse_coord_ros.ros.nodes.body_messages import (
     goals_message,
@@ -43,7 +43,7 @@ from sparse_coord_ros.ros.nodes.body_messages import (
     read_goals,
     read_reached,
 )
-from sparse_coord_ros.ros.nodes.messages import (
+from sparse_coord_ros.ros.nodes.ros_messages import (
     cell_pose,
     map_header,
     messages_of,

@@ -9,8 +9,8 @@ from sparse_coord_ros.core.game.scenario import load_scenario
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.lockstep.robot_side import Answer
 from sparse_coord_ros.ros.nodes import peers
-from sparse_coord_ros.ros.nodes.messages import cell_path, messages_of
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS, Peer, Peers
+from sparse_coord_ros.ros.nodes.ros_messages import cell_path, messages_of
 
 MESSAGES = messages_of(make_run(load_scenario("env1"), {}))
 

@@ -23,12 +23,12 @@ from sparse_coord_ros.protocol.wire.status import (
     read_progress,
 )
 from sparse_coord_ros.ros.nodes import recorder, ros_topics
-from sparse_coord_ros.ros.nodes.messages import messages_of, status, tables_message
 from sparse_coord_ros.ros.nodes.recorder import (
     LAST_MESSAGES_SECONDS,
     TALK_SECONDS,
     Recorder,
 )
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of, status, tables_message
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
 from .puppet import puppet

@@ -15,8 +15,8 @@ from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import robot, ros_topics
-from sparse_coord_ros.ros.nodes.messages import cell_pose, messages_of, status
 from sparse_coord_ros.ros.nodes.robot import LAST_REWARD_SECONDS, RobotNode
+from sparse_coord_ros.ros.nodes.ros_messages import cell_pose, messages_of, status
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
 from .puppet import puppet

@@ -17,7 +17,7 @@ from sparse_coord_ros.core.game.world import Action
 from sparse_coord_ros.core.runs.run_config import make_run
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import SelfReport
-from sparse_coord_ros.ros.nodes.messages import map_header, messages_of
+from sparse_coord_ros.ros.nodes.ros_messages import map_header, messages_of
 from sparse_coord_ros.ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.ros.nodes.transforms import robot_frame
 

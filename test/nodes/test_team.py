@@ -15,7 +15,7 @@ from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.wire import services
 from sparse_coord_ros.ros.nodes import world_simulator
-from sparse_coord_ros.ros.nodes.messages import cell_pose, messages_of
+from sparse_coord_ros.ros.nodes.ros_messages import cell_pose, messages_of
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 

@@ -19,10 +19,10 @@ from sparse_coord_ros.ros.driving.body import BodyNode
 from sparse_coord_ros.ros.driving.driver import CmdVelDriverNode
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import status
 from sparse_coord_ros.ros.nodes.player import Player
 from sparse_coord_ros.ros.nodes.recorder import Recorder
 from sparse_coord_ros.ros.nodes.robot import RobotNode
+from sparse_coord_ros.ros.nodes.ros_messages import status
 from sparse_coord_ros.ros.nodes.watch import WatchNode
 
 OTHERS = {"learner": "theirs:Team", "model": "coop"}

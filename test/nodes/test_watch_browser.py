@@ -61,8 +61,8 @@ def bag(record):
 
 
 def address_of(process):
-    process.wait_for("watch it at ")
-    return re.search(r"watch it at (http\S+)", process.output)[1]
+    process.wait_for("the page is at ")
+    return re.search(r"the page is at (http\S+)", process.output)[1]
 
 
 def click(tab, name):

@@ -15,7 +15,7 @@ from sparse_coord_ros.log.bags.reader import open_bag
 from sparse_coord_ros.log.runlog import Difference, Undecided, read_run
 from sparse_coord_ros.log.runlog.explain import coordinations, explained
 from sparse_coord_ros.protocol.wire.messages import REWARD_FORM
-from sparse_coord_ros.ros.nodes.messages import messages_of
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 from sparse_coord_ros.show.narrator import Narrator
 from sparse_coord_ros.show.steps import logged_step
 

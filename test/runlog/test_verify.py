@@ -23,8 +23,8 @@ from sparse_coord_ros.log.runlog import read_run, verify
 from sparse_coord_ros.log.runlog.explain import coordinations, explained, in_words
 from sparse_coord_ros.protocol.wire import ACTION, PerceptEnd
 from sparse_coord_ros.protocol.wire.messages import ACTION_FORM, POSE_FORM, REWARD_FORM
-from sparse_coord_ros.protocol.wire.tables import read_tables
-from sparse_coord_ros.ros.nodes.messages import cell_path, messages_of
+from sparse_coord_ros.protocol.wire.published_tables import read_tables
+from sparse_coord_ros.ros.nodes.ros_messages import cell_path, messages_of
 
 TYPES = {
     "local_state": PoseStamped,

@@ -122,9 +122,10 @@ def verdict_on(scenario: Scenario, learner: Learner, measures: Measures) -> Verd
         return Verdict(SILENT, text.rstrip())
     gain = earned - without
     closed = percent(gain / gap, whole=True)
+    loss = round(best - earned, 2) + 0.0  # which makes -0 a 0
     text = (
         f"{earnings}. This closes {closed} of the gap to the {name} ({best:.2f}; loss "
-        f"{best - earned:.2f}). {_compared(scenario, measures, ignoring)}"
+        f"{loss:.2f}). {_compared(scenario, measures, ignoring)}"
     )
     if gain >= ENOUGH * gap:
         return Verdict(LEARNED, f"The team learned to coordinate: {text}")

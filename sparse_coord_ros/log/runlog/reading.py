@@ -37,8 +37,8 @@ from sparse_coord_ros.protocol.wire.messages import (
     Messages,
     action_from,
 )
+from sparse_coord_ros.protocol.wire.published_tables import PublishedTables, read_tables
 from sparse_coord_ros.protocol.wire.status import RunStatus, read_status
-from sparse_coord_ros.protocol.wire.tables import PublishedTables, read_tables
 
 EACH_STEP = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT)
 """The topics with one message a robot and time step, which `verify` compares."""

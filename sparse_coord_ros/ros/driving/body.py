@@ -22,15 +22,15 @@ from sparse_coord_ros.lab.driving.body_simulator import (
 )
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
 from sparse_coord_ros.lab.driving.steering import Command
-from sparse_coord_ros.lab.driving.transforms import parent_of
+from sparse_coord_ros.lab.driving.transform_tree import parent_of
 from sparse_coord_ros.protocol.lockstep.bodies import BEGIN, GoalReport, Goals
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.protocol.wire.messages import CLOCK_FORM, SECOND
 from sparse_coord_ros.ros.nodes import ros_topics, transforms
 from sparse_coord_ros.ros.nodes.body_messages import read_goals, read_reached
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 from sparse_coord_ros.ros.nodes.spin import run_node
 
 REPEAT_POSES_SECONDS = 0.5

@@ -22,15 +22,15 @@ from sparse_coord_ros.core.game.pose import Pose
 from sparse_coord_ros.core.runs.run_config import RunConfig
 from sparse_coord_ros.lab.driving.driver import Driver
 from sparse_coord_ros.lab.driving.metric_map import MetricMap
-from sparse_coord_ros.lab.driving.transforms import yaw_of
+from sparse_coord_ros.lab.driving.transform_tree import yaw_of
 from sparse_coord_ros.protocol.lockstep.bodies import Goals
 from sparse_coord_ros.protocol.wire import OVER, WORLD, RunState
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.body_messages import reached_message, read_goals
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import messages_of, robot_number
 from sparse_coord_ros.ros.nodes.parameters import FROM_TF, PARAMETERS, NodePlace
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of, robot_number
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
     TF,

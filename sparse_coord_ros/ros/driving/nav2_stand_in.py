@@ -19,7 +19,7 @@ from std_msgs.msg import Header
 
 from sparse_coord_ros.base.errors import SettingError, needed
 from sparse_coord_ros.core.game.pose import Pose
-from sparse_coord_ros.lab.driving.transforms import yaw_of
+from sparse_coord_ros.lab.driving.transform_tree import yaw_of
 from sparse_coord_ros.protocol.wire import MAP_FRAME
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
 from sparse_coord_ros.ros.nodes.spin import run_node

@@ -19,7 +19,7 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
 )
 from sparse_coord_ros.protocol.wire import BODY_GOALS, GOAL_LABELS, REACHED
 from sparse_coord_ros.protocol.wire.messages import Messages, read_labelled
-from sparse_coord_ros.ros.nodes.messages import map_header
+from sparse_coord_ros.ros.nodes.ros_messages import map_header
 
 
 def goals_message(messages: Messages, goals: Goals) -> JointState:

@@ -16,9 +16,9 @@ from sparse_coord_ros.protocol.lockstep.timeouts import (
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus, read_status
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.environment import ros_domain
-from sparse_coord_ros.ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.ros.nodes.outputs import check_place
 from sparse_coord_ros.ros.nodes.parameters import NodePlace, ParameterNode
+from sparse_coord_ros.ros.nodes.ros_messages import read_run, run_announced
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0

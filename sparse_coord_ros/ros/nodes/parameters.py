@@ -67,7 +67,7 @@ from sparse_coord_ros.ros.nodes.direct_recording import (
     DirectTopic,
     PackedPublisher,
 )
-from sparse_coord_ros.ros.nodes.messages import status
+from sparse_coord_ros.ros.nodes.ros_messages import status
 from sparse_coord_ros.ros.nodes.ros_topics import (
     DIAGNOSTICS,
     RUN,

@@ -23,8 +23,8 @@ from sparse_coord_ros.protocol.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.protocol.lockstep.timeouts import Deadline
 from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.protocol.wire.services import ACTIVE_PERCEPTION
-from sparse_coord_ros.ros.nodes.messages import cell_path, set_cell
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_messages import cell_path, set_cell
 from sparse_coord_ros.ros.nodes.ros_topics import ACTIVE_PERCEPTION_TYPE
 
 IMMEDIATE_REPEATS = 10

@@ -25,6 +25,7 @@ from sparse_coord_ros.log.runlog.reading import read_run
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.wire import RECORDER, ROBOT, TEAM
 from sparse_coord_ros.protocol.wire.messages import SECOND, STAMPED
+from sparse_coord_ros.protocol.wire.published_tables import PublishedTables, read_tables
 from sparse_coord_ros.protocol.wire.status import (
     LEFT,
     NO_ATTEMPT,
@@ -33,11 +34,10 @@ from sparse_coord_ros.protocol.wire.status import (
     RunStatus,
     read_progress,
 )
-from sparse_coord_ros.protocol.wire.tables import PublishedTables, read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import messages_of, status
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of, status
 from sparse_coord_ros.ros.nodes.spin import run_node
 
 QUIET_SECONDS = 0.3

@@ -24,15 +24,15 @@ from sparse_coord_ros.protocol.wire import RECORDER, WORLD, SelfReport, services
 from sparse_coord_ros.protocol.wire.status import NO_ATTEMPT, RunStatus
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import (
+from sparse_coord_ros.ros.nodes.outputs import Output, begin_with
+from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
+from sparse_coord_ros.ros.nodes.peers import Peers
+from sparse_coord_ros.ros.nodes.ros_messages import (
     messages_of,
     robot_number,
     status,
     tables_message,
 )
-from sparse_coord_ros.ros.nodes.outputs import Output, begin_with
-from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace
-from sparse_coord_ros.ros.nodes.peers import Peers
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 
 NAME = "robot"

@@ -40,8 +40,8 @@ from sparse_coord_ros.protocol.wire import (
 )
 from sparse_coord_ros.protocol.wire.messages import Messages
 from sparse_coord_ros.ros.nodes import ros_topics
-from sparse_coord_ros.ros.nodes.messages import map_header
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_messages import map_header
 from sparse_coord_ros.ros.nodes.transforms import (
     BASE,
     TransformPublisher,

@@ -23,7 +23,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from sparse_coord_ros.core.game.pose import Pose
-from sparse_coord_ros.lab.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.lab.driving.transform_tree import Tree, yaw_of
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
 
 ODOM = "odom"

@@ -34,12 +34,12 @@ from sparse_coord_ros.core.runs.saved_tables import tables_of, unpack_saved
 from sparse_coord_ros.protocol import wire
 from sparse_coord_ros.protocol.lockstep.robot_side import RobotSide
 from sparse_coord_ros.protocol.wire import WORLD, PerceptEnd, SelfReport, services
+from sparse_coord_ros.protocol.wire.published_tables import read_tables
 from sparse_coord_ros.protocol.wire.status import RunStatus
-from sparse_coord_ros.protocol.wire.tables import read_tables
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import Follower
-from sparse_coord_ros.ros.nodes.messages import messages_of, read_run
 from sparse_coord_ros.ros.nodes.parameters import PARAMETERS, NodePlace, ParameterNode
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of, read_run
 from sparse_coord_ros.ros.nodes.spin import run_node
 from sparse_coord_ros.show.page.controls import (
     NEXT,
@@ -284,7 +284,7 @@ class WatchNode(Follower):
         self.at_end.callback(self.server.close)
         if self.server.warning:
             self.get_logger().warning(self.server.warning)
-        self.get_logger().info(f"watch it at {self.server.address}")
+        self.get_logger().info(f"the page is at {self.server.address}")
 
     def wait(self) -> None:
         """Report that no team has appeared yet."""

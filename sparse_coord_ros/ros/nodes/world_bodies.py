@@ -17,8 +17,8 @@ from sparse_coord_ros.protocol.lockstep.bodies import (
 from sparse_coord_ros.protocol.lockstep.timeouts import Reminder
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.body_messages import goals_message, read_reached
-from sparse_coord_ros.ros.nodes.messages import messages_of
 from sparse_coord_ros.ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 
 
 class WorldBodies:

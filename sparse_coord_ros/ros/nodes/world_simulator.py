@@ -41,7 +41,6 @@ from sparse_coord_ros.protocol.lockstep.world_states import (
 from sparse_coord_ros.protocol.wire import RECORDER, WORLD, services
 from sparse_coord_ros.ros.nodes import ros_topics
 from sparse_coord_ros.ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
-from sparse_coord_ros.ros.nodes.messages import run_announced
 from sparse_coord_ros.ros.nodes.outputs import Output, holds_run, run_of
 from sparse_coord_ros.ros.nodes.parameters import (
     PARAMETERS,
@@ -49,6 +48,7 @@ from sparse_coord_ros.ros.nodes.parameters import (
     ParameterNode,
 )
 from sparse_coord_ros.ros.nodes.restart import Restart
+from sparse_coord_ros.ros.nodes.ros_messages import run_announced
 from sparse_coord_ros.ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.ros.nodes.world_speed import WorldSpeed
