@@ -104,7 +104,8 @@ class Recording:
             scenario = run.scenario
             rule = run.rule
             begin = [
-                taught(scenario, rule, k, one.memory) for k, one in enumerate(tables)
+                one.memory if run.greedy else taught(scenario, rule, k, one.memory)
+                for k, one in enumerate(tables)
             ]
         self.robots = [
             RobotSide(

@@ -86,7 +86,7 @@ def _check_finite(values: np.ndarray, name: str) -> None:
 
 
 def taught(scenario: Scenario, learner: Learner, k: int, memory: Memory) -> Memory:
-    """Return the initial memory of a robot that begins with the values of another run.
+    """Return the initial memory of a robot that learns on from the values of another run.
 
     It has the learned values; its counts begin at 0.
 

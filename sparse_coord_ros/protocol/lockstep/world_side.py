@@ -192,7 +192,8 @@ class WorldSide:
             elif self.absent and self._nobody_is_left():
                 self._begin_episode(StartReason.NOBODY_LEFT)
         self._save_where_due(step, reached)
-        self._save_where_due(reached, self.world.step)
+        if self.world.step > reached:  # an episode has begun
+            self._save_where_due(reached, self.world.step)
 
     def _nobody_is_left(self) -> bool:
         """Return whether every robot has arrived or is absent."""

@@ -284,6 +284,8 @@ class Output:
 def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:
     """Return the initial memory of a robot (from 0) from another run's tables.
 
+    A greedy robot has that run's whole memory: a learner may act by its counts, too.
+
     Raises:
         SparseCoordError: no such run, or its map, robots or learner are others.
     """
@@ -296,4 +298,7 @@ def begin_with(directory: Path, run: RunConfig, number: int) -> Memory:
         )
     tables = load_team(directory, source.scenario, source.rule)
     check_tables(run.scenario, tables, run.rule)
-    return taught(run.scenario, run.rule, number, tables[number].memory)
+    memory = tables[number].memory
+    if run.greedy:
+        return memory
+    return taught(run.scenario, run.rule, number, memory)

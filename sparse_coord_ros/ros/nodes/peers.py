@@ -105,7 +105,7 @@ class Peer:
         self._sent = now
         self._forget()
         self._open = self._client.call_async(self._request)
-        self._open.add_done_callback(lambda future: self._on_done(step, future))
+        self._open.add_done_callback(partial(self._on_done, step))
 
     def start_anew(self) -> None:
         """Drop pending requests: the run goes back to an earlier time step, with all robots."""

@@ -42,10 +42,13 @@ def set_cell(pose: PoseStamped, messages: Messages, step: int, cell: int) -> Non
 
 
 def cell_path(messages: Messages, step: int, cells: Iterable[int | None]) -> Path:
-    """Return the cells' centres as a path, leaving out None."""
-    path = Path()
-    set_header(path.header, messages.stamp(step))
-    path.poses = [cell_pose(messages, step, cell) for cell in cells if cell is not None]
+    """Return the cells' centres as a path, leaving out None; all poses have its header."""
+    path = Path(header=map_header(messages.stamp(step)))
+    for cell in cells:
+        if cell is not None:
+            pose = PoseStamped(header=path.header)
+            pose.pose.position.x, pose.pose.position.y = messages.centres[cell]
+            path.poses.append(pose)
     return path
 
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor
@@ -37,9 +36,11 @@ READERS_SECONDS = 3.5
 """How long the last messages may take: with a user's own profiles, Fast DDS offers lost ones again
 every three seconds."""
 
-POLL_SECONDS = 0.01
-"""Between two checks of the condition and of signals. Meanwhile the executor runs one callback
-after the other: a separate call for each would cost a tenth of a time step."""
+POLL_SECONDS = 0.02
+"""Between two checks whether the nodes are to end. Python handles signals then, too."""
+
+SPIN_SECONDS = 60.0
+"""Of one spinning. Without a limit the EventsExecutor of rclpy 7.1.6 uses a whole core."""
 
 MATCH_SECONDS = 1.0
 """How long the readers of /rosout may take to find the publisher of a node's last message."""
@@ -178,7 +179,7 @@ def make_executor(context: Context) -> Executor:
 
 
 def spin_nodes(
-    nodes: Sequence[Node],
+    nodes: Sequence[ParameterNode],
     context: Context,
     until: Callable[[], bool],
     make: Callable[[Context], Executor] = make_executor,
@@ -194,27 +195,29 @@ def spin_nodes(
     Raises:
         SparseCoordError: a node failed.
     """
+    ended = Future()
+
+    def look() -> None:
+        """End the spinning when the condition holds, or a node has failed."""
+        failures = [node.failure for node in nodes if node.failure is not None]
+        if until():
+            ended.set_result(None)
+        elif failures:
+            ended.set_exception(failures[0])
+
     executor = make(context)
-    turn = Future()
-    steady = Clock(clock_type=ClockType.STEADY_TIME)
-    # With a timeout alone the EventsExecutor returns only when no message waits.
-    timer = nodes[0].create_timer(
-        POLL_SECONDS, lambda: turn.set_result(None), clock=steady
-    )
+    timer = nodes[0].create_timer(POLL_SECONDS, look)
     try:
         for node in nodes:
             executor.add_node(node)
-        while not until():
-            for node in nodes:
-                if isinstance(node, ParameterNode) and node.failure is not None:
-                    raise node.failure
-            turn = Future()
-            executor.spin_until_future_complete(turn, timeout_sec=2 * POLL_SECONDS)
+        while not ended.done():
+            executor.spin_until_future_complete(ended, timeout_sec=SPIN_SECONDS)
     finally:
         nodes[0].destroy_timer(timer)
         for node in nodes:
             executor.remove_node(node)
         executor.shutdown()
+    ended.result()
 
 
 def wait_for_readers(publishers: Iterable[Publisher]) -> None:
