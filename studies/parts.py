@@ -82,15 +82,6 @@ PARTS = {
             )
         },
     ),
-    "holding": Part(
-        "choices do not hold",
-        {
-            "asks = value_asking(mind, task, k, j, x, z_next)": (
-                "asks = value_of(mind, task, k, j, x, z_next)"
-            ),
-            "holds = mind.u[k, x, b] + mind.rho0.values[k, holding, b]": "holds = asks",
-        },
-    ),
     "weights": Part(
         "no weights",
         {"min(1.0, alpha * weight_of(made, went, share, b, move))": "min(1.0, alpha)"},
@@ -102,7 +93,7 @@ PARTS = {
         "r^C only where this very step was felt",
         {"return r if r != NOT_FELT else 0.0": "return 0.0"},
     ),
-    "wall": Part("a wall after one try", {"\nWALL = 4\n": "\nWALL = 1\n"}),
+    "wall": Part("a wall after one try", {"\nWALL = 6\n": "\nWALL = 1\n"}),
     "arrivals": Part(
         "means over all steps, not over arrivals",
         {"if not follows or mind.last[k, CELL] != x:": "if task.robots > 0:"},
@@ -114,10 +105,6 @@ PARTS = {
     "share": Part(
         "all robots count their own loss where no question is answered",
         {"(1.0 - share) * min(weight, 1.0)": "(1.0 - share) * weight"},
-    ),
-    "price": Part(
-        "each V_j has the whole price",
-        {"- price(task) / (task.robots - 1)": "- price(task)"},
     ),
     "patience": Part(
         "no patience", {"\nPATIENCE = 4\n": "\nPATIENCE = 1_000_000_000\n"}

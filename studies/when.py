@@ -391,7 +391,7 @@ def in_words(own: pd.Series, measure: str) -> str:
     return f"{words[0]} ({'-' if np.isnan(error) else words[1]})"
 
 
-ALWAYS = {"color": LINE_COLOURS[2], "marker": "s"}
+ALWAYS_STYLE = {"color": LINE_COLOURS[2], "marker": "s"}
 """How a team that always asks is drawn."""
 
 
@@ -405,7 +405,7 @@ def draw(found: pd.DataFrame, file: str) -> None:
     upper, lower = figure.subplots(2, 1, sharex=True)
     main = learner_of(LEARNER).label
     for line, own in table.groupby(level=0, sort=False):
-        look = STYLES.get(line, ALWAYS)
+        look = STYLES.get(line, ALWAYS_STYLE)
         own = own.sort_values("gain")
         style = {
             "color": look["color"],

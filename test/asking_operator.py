@@ -73,38 +73,6 @@ def improved(game, table):
     return backup(game, table, chosen(game, table))
 
 
-def held_values(game, pair, decisions):
-    """Return V(x, z) of a robot that comes to x; `pair`: Q_0 and Q_1, stacked."""
-    ask = pair.shape[3]
-    moving = values(game, pair[0], np.where(decisions == ask, 0, decisions))
-    asking = values(game, pair[1], np.full(len(decisions), ask))
-    return np.where((decisions == ask)[:, None], asking, moving)
-
-
-def held_backup(game, pair, decisions):
-    """Return T_d (Q_0, Q_1): decisions hold until the robot leaves the cell."""
-    cells = np.arange(len(game.goals))
-    stays = game.moves[cells, :, cells][:, None, :]
-    leaves = game.moves.copy()
-    leaves[cells, :, cells] = 0.0
-    by_cell = np.matmul(game.peer, held_values(game, pair, decisions).T)
-    after = np.matmul(by_cell, leaves.transpose(0, 2, 1))
-    going_on = np.where(game.goals[:, None, None], 0.0, pair[0])
-    asking_on = values(game, pair[1], np.full(len(cells), pair.shape[3]))[:, :, None]
-    later = [after + stays * np.matmul(game.peer, on) for on in (going_on, asking_on)]
-    return game.reward + game.discount * np.stack(later)
-
-
-def held_means(game, pair):
-    """Return Q* of held decisions, shape (x, moves + 1)."""
-    return np.column_stack([means(game, pair[0])[:, :-1], means(game, pair[1])[:, -1]])
-
-
-def held_improved(game, pair):
-    """Return T (Q_0, Q_1)."""
-    return held_backup(game, pair, held_means(game, pair).argmax(axis=1))
-
-
 def algorithm1(game, table):
     """Return A Q: the backup of Algorithm 1, which does not know the peer's next cell."""
     after = np.where(game.goals, 0.0, means(game, table).max(axis=1))
@@ -117,10 +85,10 @@ def distance(one, other):
     return abs(one - other).max()
 
 
-def limit(operator, game, table, *more, applications=2000):
+def limit(operator, game, table, applications=2000):
     """Return the table at which an operator changes nothing any more, or None."""
     for _ in range(applications):
-        new = operator(game, table, *more)
+        new = operator(game, table)
         if distance(new, table) < 1e-9:
             return new
         table = new
@@ -129,7 +97,11 @@ def limit(operator, game, table, *more, applications=2000):
 
 def fixed_point(game, decisions):
     """Return Q_d."""
-    return limit(backup, game, np.zeros_like(game.reward), decisions)
+    return limit(
+        lambda game, table: backup(game, table, decisions),
+        game,
+        np.zeros_like(game.reward),
+    )
 
 
 def informed(game):
@@ -194,13 +166,13 @@ def steps_of_peer(scenario, team, k):
     return np.einsum("zxb,zbw->xzw", team[1 - k], motion(scenario, 1 - k))
 
 
-def meetings(scenario, team, held, epsilon=0.05, exploring=0.5):
+def meetings(scenario, team, arrivals, epsilon=0.05, exploring=0.5):
     """Return how often each robot is in x beside a peer in z, in an episode of learning.
 
     Args:
         scenario: the problem.
         team: the probability of each move of each robot, shape (x, z, b).
-        held: whether only steps count in which the robot comes to x.
+        arrivals: whether only steps count in which the robot comes to x.
         epsilon: the probability of a random move.
         exploring: the part of the episodes that begins anywhere.
     """
@@ -219,25 +191,25 @@ def meetings(scenario, team, held, epsilon=0.05, exploring=0.5):
         met += now
         now = np.einsum("xz,zxy,xzw->yw", now, steps[1], steps[0], optimize=True)
     found = [met, met.T]
-    if held:
+    if arrivals:
         for k in range(2):
             stays = np.einsum("zxx->xz", steps[1 - k])
             found[k] = found[k] - np.einsum("xz,xzw->xw", found[k] * stays, steps[k])
     return [np.maximum(often, 0.0) for often in found]
 
 
-def games_of(scenario, team, credit=2.0, held=False):
+def games_of(scenario, team, credit=2.0, arrivals=False):
     """Return the problem of each robot beside the other one of a team.
 
     Args:
         scenario: two robots that can only be together in a doorway.
         team: the probability of each move of each robot, shape (x, z, b).
         credit: how much a miscoordination counts: 2, for both robots.
-        held: whether decisions hold, so that M counts only steps in which the robot comes to x.
+        arrivals: whether M counts only steps in which the robot comes to x, as that of `voi`.
     """
     door = np.zeros(len(scenario.map.cells), dtype=bool)
     door[list(scenario.map.doorways)] = True
-    met = meetings(scenario, team, held)
+    met = meetings(scenario, team, arrivals)
     games = []
     for k, robot in enumerate(scenario.robots):
         moves = motion(scenario, k)

@@ -39,7 +39,7 @@ RUNS = {
         "unseen1-loop-4r-0",
     ),
     "when.py": (
-        "--maps isr unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv "
+        "--maps env1 unseen1-door-4r-1 --runs 1 --trials 2 --steps 20 --out when.csv "
         "--figure when.png",
         "| best asking team found | share |",
     ),

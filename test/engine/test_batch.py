@@ -99,7 +99,7 @@ def test_tables_that_grow_on_the_way_learn_the_same(monkeypatch, learner, compil
     sizes = set()
     for until in range(25, 501, 25):
         run.advance(until)
-        rows = run.minds[0].q_coord if learner == "coop" else run.minds[0].rho
+        rows = run.minds[0].q_coord if learner == "coop" else run.minds[0].pairs
         assert rows.used.max() < rows.values.shape[1] <= rows.index.shape[1] / 2
         sizes.add(rows.values.shape[1])
     assert len(sizes) >= 3

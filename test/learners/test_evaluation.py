@@ -85,7 +85,7 @@ def test_tables_of_no_numbers(name, value):
 def test_robots_begin_each_greedy_episode_anew():
     """Those of voi forget whom they saw stand in their way."""
     voi = learner_of("voi")
-    scenario = voi.with_defaults(load_scenario("crowd-3r", steps=300))
+    scenario = voi.with_defaults(load_scenario("crowd-3r", steps=600))
     team = greedy_team(scenario, learn(scenario, voi, 1), 0)
     world = World(scenario, 0, phase=EVALUATION)
     team.begin_episode(world)

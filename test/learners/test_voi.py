@@ -22,10 +22,17 @@ from sparse_coord_ros.core.learners.mind import memory_before
 from sparse_coord_ros.core.learners.registry import learner_of
 from sparse_coord_ros.core.learners.rules import NOT_PERCEIVED
 from sparse_coord_ros.core.learners.table import find, met
-from sparse_coord_ros.core.learners.voi import CELLS, FORBIDDEN, NOT_FELT, Voi
+from sparse_coord_ros.core.learners.voi import (
+    ANSWERED,
+    ASKED,
+    CELLS,
+    FELT,
+    FORBIDDEN,
+    NOT_FELT,
+    Voi,
+)
 
 X, Y, Z, Z2 = 2, 3, 4, 5
-ASKS, DOES_NOT_ASK = "rho", "rho0"
 G = 0.95
 """gamma"""
 ALPHA = 0.25
@@ -45,23 +52,24 @@ def agent(robots=PAIR, **settings):
     return Agent(learner_of("voi"), learner_of("voi").with_defaults(scenario), 0, 3)
 
 
-def set_rho(one, x, z, name, values, peer=1):
-    """Set rho_j(x, z, .) or rho0_j."""
-    table = getattr(one.mind, name)
-    row = met(table, one.task, 0, voi.peer_key(one.task, x, peer, z))
-    table.values[0, row] = values
+def pair_row(one, x, z, peer=1):
+    """Return the row of `pairs` of an own cell, a peer and its cell; a new one if need be."""
+    return met(one.mind.pairs, one.task, 0, voi.pair_key(one.task, x, peer, z))
 
 
-def rho(one, x, z, name, peer=1):
-    """Return rho_j(x, z, .) or rho0_j."""
-    table = getattr(one.mind, name)
-    row = find(table, 0, voi.peer_key(one.task, x, peer, z))
-    return table.values[0, row].tolist()
+def set_rho(one, x, z, values, peer=1):
+    """Set rho_j(x, z, .)."""
+    one.mind.pairs.values[0, pair_row(one, x, z, peer), :4] = values
 
 
-def peer_row(one, z=Z):
+def rho(one, x, z, peer=1):
+    """Return rho_j(x, z, .)."""
+    return one.mind.pairs.values[0, pair_row(one, x, z, peer), :4].tolist()
+
+
+def step_row(one, z=Z):
     """Return the row of a step of the peer to Z2, with the robot in X."""
-    return met(one.mind.peer, one.task, 0, voi.step_key(one.task, X, 1, z, Z2))
+    return met(one.mind.steps, one.task, 0, voi.step_key(one.task, X, 1, z, Z2))
 
 
 def learn_from_peer(one, y, move, common, number=9):
@@ -74,8 +82,8 @@ def learn_from_peer(one, y, move, common, number=9):
 
 def set_answers(one, x, z, asked, answered, peer=1):
     """Set how often it asked in x with a peer in z, and was answered."""
-    row = met(one.mind.felt, one.task, 0, voi.peer_key(one.task, x, peer, z))
-    one.mind.felt.updates[0, row, :2] = [asked, answered]
+    row = pair_row(one, x, z, peer)
+    one.mind.pairs.updates[0, row, [ASKED, ANSWERED]] = [asked, answered]
 
 
 def set_moves(one, x, **moves):
@@ -123,7 +131,7 @@ def test_u_is_the_value_of_a_robot_alone():
     one.mind.u[0, X] = [1.0, 2.0, 8.0, 4.0]
     one.mind.u[0, Y] = [10.0, 30.0, 20.0, 5.0]
     set_moves(
-        one, X, east=(5, 4, Y), north=(4, 0, 0), west=(2, 1, one.goal), south=(3, 0, 0)
+        one, X, east=(5, 4, Y), north=(6, 0, 0), west=(2, 1, one.goal), south=(5, 0, 0)
     )
     voi.learn_alone(one.mind, one.task, 0, X)
     assert one.mind.u[0, X].tolist() == pytest.approx(
@@ -157,13 +165,13 @@ def test_a_step_counts_a_try_and_where_it_led():
     action = Action(NORTH, False, NOBODY, False)
     one.learn(7, Choice(X, Decision(NORTH), action, None), Reward(0, 0, 0, 0), X)
     assert mind.updates[0, X].tolist() == [1, 0, 2, 1, 3]
-    row = find(mind.felt, 0, voi.peer_key(one.task, X, 1, NOT_PERCEIVED))
-    assert mind.felt.updates[0, row, :2].tolist() == [3, 0]
+    row = find(mind.pairs, 0, voi.pair_key(one.task, X, 1, NOT_PERCEIVED))
+    assert mind.pairs.updates[0, row, [ASKED, ANSWERED]].tolist() == [3, 0]
 
 
-def test_a_move_that_never_led_out_is_one_into_a_wall_after_four_tries():
+def test_a_move_that_never_led_out_is_one_into_a_wall_after_six_tries():
     one = agent()
-    for number in range(4):
+    for number in range(6):
         assert one.q_star[X, NORTH] == 40
         step(one, 1 + 2 * number, X, NORTH, X)
     assert one.q_star[X, NORTH] == FORBIDDEN
@@ -172,7 +180,7 @@ def test_a_move_that_never_led_out_is_one_into_a_wall_after_four_tries():
     voi.learn_alone(one.mind, one.task, 0, X)
     assert one.mind.u[0, X, NORTH] == G * 80
     # one that led out is none, and is known at once
-    step(one, 11, X, EAST, Y)
+    step(one, 13, X, EAST, Y)
     assert one.mind.u[0, X, EAST] == G * 40
     set_moves(one, X, east=(9, 1, Y))
     voi.refresh(one.mind, one.task, 0, X)
@@ -223,16 +231,15 @@ def test_who_knows_the_map_begins_with_its_values_and_its_moves():
 def test_q_c_is_u_and_the_correction_of_the_one_peer():
     one = agent()
     one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
-    set_rho(one, X, Z, ASKS, [-1.0, 5.0, -3.0, 0.0])
-    set_rho(one, X, Z, DOES_NOT_ASK, [-9.0, -9.0, -9.0, -9.0])
+    set_rho(one, X, Z, [-1.0, 5.0, -3.0, 0.0])
     assert one.values_asking(X, (Z,)) == [0.0, 7.0, 0.0, 4.0]
     assert one.values_asking(X, (Z2,)) == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_of_several_peers_the_worst_one_counts_and_none_adds_value():
     one = agent(THREE)
-    set_rho(one, X, Z, ASKS, [-1.0, 5.0, -3.0, 0.0], peer=1)
-    set_rho(one, X, Z2, ASKS, [-4.0, 6.0, -2.0, 1.0], peer=2)
+    set_rho(one, X, Z, [-1.0, 5.0, -3.0, 0.0], peer=1)
+    set_rho(one, X, Z2, [-4.0, 6.0, -2.0, 1.0], peer=2)
     assert one.values_asking(X, (Z, Z2)) == [36.0, 40.0, 37.0, 40.0]
     assert one.values_asking(X, (Z, Z)) == [39.0, 40.0, 37.0, 40.0]
     assert one.values_asking(X, (Z2, Z)) == [40.0] * 4
@@ -240,7 +247,7 @@ def test_of_several_peers_the_worst_one_counts_and_none_adds_value():
 
 def test_values_are_set_whatever_they_were():
     one = agent(THREE)
-    set_rho(one, X, Z, ASKS, [-1.0, 1.0, -3.0, 0.0])
+    set_rho(one, X, Z, [-1.0, 1.0, -3.0, 0.0])
     for before in (-9.0, 9.0):
         values = [before] * 4
         one.learner.asking_values(one.mind, one.task, 0, X, 6, [X, Z, Z], values)
@@ -251,7 +258,7 @@ def test_without_an_answer_a_robot_moves_by_the_means_of_such_questions():
     one = agent()
     one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
     one.mind.blind[0, X] = [5.0, 0.0, -9.0, 1.0]
-    set_moves(one, X, west=(4, 0, X))  # a wall: it does not wait there
+    set_moves(one, X, west=(6, 0, X))  # a wall: it does not wait there
     assert one.values_asking(X, None) == [6.0, 2.0, -6.0, FORBIDDEN]
 
 
@@ -259,7 +266,7 @@ def test_of_questions_without_an_answer_the_mean_counts_by_their_share():
     one = agent(peers_seen="while_learning", perception="probability:0.5")
     one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
     one.mind.blind[0, X] = [0.0, 8.0, 0.0, 0.0]
-    set_rho(one, X, Z, ASKS, [9.0, -4.0, 0.0, 4.0])
+    set_rho(one, X, Z, [9.0, -4.0, 0.0, 4.0])
     set_answers(one, X, Z, 3, 0)  # one of four, with the one before the first
     voi.learn_means(one.mind, one.task, 0, transition(one, X, Z))
     size = 0.75 * ALPHA
@@ -276,10 +283,9 @@ def test_means_move_toward_what_the_peers_cell_changes():
     one = agent()
     one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
     one.mind.gain[0, X] = 8.0
-    set_rho(one, X, Z, ASKS, [5.0, -2.0, 0.0, -2.0])
-    set_rho(one, X, Z, DOES_NOT_ASK, [0.0, -4.0, 4.0, 8.0])
+    set_rho(one, X, Z, [0.0, -4.0, 4.0, 8.0])
     voi.learn_means(one.mind, one.task, 0, transition(one, X, Z))
-    best = 1 + 5
+    best = 4 + 8
     assert one.mind.gain[0, X].tolist() == [
         *(8 + ALPHA * (0 - 8), 8 + ALPHA * (-4 - 8)),
         *(8 + ALPHA * (4 - 8), 8.0),
@@ -297,7 +303,7 @@ def test_means_move_toward_what_the_peers_cell_changes():
 def test_asking_is_worth_the_best_move_by_q_c(b):
     one = agent()
     one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
-    set_rho(one, X, Z, ASKS, [20.0 if b == other else 0.0 for other in range(4)])
+    set_rho(one, X, Z, [20.0 if b == other else 0.0 for other in range(4)])
     voi.learn_means(one.mind, one.task, 0, transition(one, X, Z))
     assert one.mind.gain[0, X, COORDINATE] == ALPHA * (1.0 + b + 20.0 - 4.0)
 
@@ -305,10 +311,9 @@ def test_asking_is_worth_the_best_move_by_q_c(b):
 def test_the_first_mean_is_the_first_value_and_the_second_of_both():
     one = agent(step_size="floored:1:0:0")
     for cell, value in ((Z, -6.0), (Z2, -2.0)):
-        set_rho(one, X, cell, ASKS, [value] * 4)
-        set_rho(one, X, cell, DOES_NOT_ASK, [2 * value] * 4)
+        set_rho(one, X, cell, [value] * 4)
         voi.learn_means(one.mind, one.task, 0, transition(one, X, cell))
-    assert one.mind.gain[0, X].tolist() == [-8.0] * 4 + [-4.0]
+    assert one.mind.gain[0, X].tolist() == [-4.0] * 5
     assert one.mind.arrivals[0, X] == 2
 
 
@@ -331,14 +336,15 @@ def test_no_answer_is_learned_from_as_from_a_cell():
     assert one.mind.last[0, CELLS:].tolist() == [Y, NOT_PERCEIVED]
     step(one, 3, X, EAST, Y, None, common=-20.0, partners=0b10)
     step(one, 4, Y, EAST, Y, (Z2,))
-    keys = one.memory()["rho_keys"]
-    assert keys.tolist() == sorted(
-        voi.peer_key(one.task, x, 1, z)
+    memory = one.memory()
+    made = memory["pairs_updates"][:, voi.MADE : voi.TRIED].any(axis=1)
+    assert memory["pairs_keys"][made].tolist() == sorted(
+        voi.pair_key(one.task, x, 1, z)
         for x, z in ((X, Z), (Y, NOT_PERCEIVED), (X, NOT_PERCEIVED))
     )
     assert one.mind.arrivals[0, [X, Y]].tolist() == [2, 2]
     # r^C counts once, not for the team: it did not know where its peer was
-    assert one.mind.peer.values[0, peer_row(one, NOT_PERCEIVED), EAST] == -20.0
+    assert one.mind.steps.values[0, step_row(one, NOT_PERCEIVED), EAST] == -20.0
 
 
 def test_steps_of_two_episodes_and_steps_with_a_gap_are_no_step_of_a_peer():
@@ -347,51 +353,60 @@ def test_steps_of_two_episodes_and_steps_with_a_gap_are_no_step_of_a_peer():
     one.begin_episode()
     step(one, 8, X, EAST, Y, (Z,))
     step(one, 10, Y, EAST, Y, (Z2,))
-    assert one.mind.rho.used[0] == 1
+    assert one.mind.steps.used[0] == 1
     step(one, 11, Y, EAST, Y, (Z2,))
-    assert one.mind.rho.used[0] == 2 and one.mind.peer.used[0] == 2
+    assert one.mind.steps.used[0] == 2
     # step 0, with nothing before it
     one = agent()
     step(one, 0, X, EAST, Y, (Z,))
-    assert one.mind.rho.used[0] == 1 and one.mind.arrivals[0, X] == 1
+    assert one.mind.steps.used[0] == 1 and one.mind.arrivals[0, X] == 1
 
 
 # Equation (6).
 
 
+def v(one, x=Y, z=Z2, peer=1):
+    """Return V_j(x, z)."""
+    return voi.value_of(one.mind, one.task, 0, x, pair_row(one, x, z, peer), z)
+
+
 def test_v_is_what_it_will_do():
     one = agent()
     one.mind.u[0, Y] = [1.0, 2.0, 3.0, 4.0]
-    set_rho(one, Y, Z2, ASKS, [6.0, 0.0, 5.0, 0.0])
-    set_rho(one, Y, Z2, DOES_NOT_ASK, [5.0, -4.0, 7.0, -9.0])
+    set_rho(one, Y, Z2, [5.0, -4.0, 7.0, -9.0])
     one.mind.q_star[0, Y] = [10.0, 30.0, 20.0, 0.0, 30.5]
-    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 8.0 - COST
+    assert v(one) == 3.0 + 7.0 - COST
     # the best move by Q*, not by U, and of equal ones the first
     for asking in (30.0, 29.0):
         one.mind.q_star[0, Y] = [10.0, 30.0, 30.0, 0.0, asking]
-        assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 2.0 - 4.0
+        assert v(one) == 2.0 - 4.0
     one.mind.q_star[0, Y, NORTH] = 30.0
-    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 1.0 + 5.0
+    assert v(one) == 1.0 + 5.0
     one.mind.q_star[0, Y, WEST] = 31.0
-    assert voi.value_of(one.mind, one.task, 0, 1, Y, Z2) == 4.0 - 9.0
+    assert v(one) == 4.0 - 9.0
 
 
-def test_in_larger_teams_each_peer_pays_its_share_of_a_question():
+def test_in_larger_teams_v_is_that_of_each_peer_as_the_only_one():
     one = agent(THREE)
-    assert voi.value_asking(one.mind, one.task, 0, 2, Y, Z2) == 40 - COST / 2
+    set_rho(one, Y, Z, [-30.0] * 4, peer=1)
+    one.mind.q_star[0, Y, COORDINATE] = 99.0
+    assert v(one, peer=2) == 40.0 - COST
 
 
 def test_where_questions_fail_the_share_of_answers_counts():
     one = agent(perception="probability:0.5")
     one.mind.u[0, Y] = [1.0, 2.0, 3.0, 4.0]
-    set_rho(one, Y, Z2, ASKS, [6.0, 0.5, 0.0, 0.0])
+    one.mind.q_star[0, Y, COORDINATE] = 99.0
+    set_rho(one, Y, Z2, [6.0, 0.5, 0.0, 0.0])
     one.mind.blind[0, Y] = [0.0, 9.0, 0.0, 0.0]
     set_answers(one, Y, Z2, 7, 1)
-    expected = 0.25 * 7.0 + 0.75 * 2.5 - COST
-    assert voi.value_asking(one.mind, one.task, 0, 1, Y, Z2) == expected
+    assert v(one) == 0.25 * 7.0 + 0.75 * 2.5 - COST
     # all answered, whatever it would do without an answer
     set_answers(one, Y, Z2, 7, 7)
-    assert voi.value_asking(one.mind, one.task, 0, 1, Y, Z2) == 7.0 - COST
+    assert v(one) == 7.0 - COST
+    # where it does not know its peer's cell there was no answer
+    set_rho(one, Y, NOT_PERCEIVED, [6.0, 0.5, 0.0, 0.0])
+    assert v(one, z=NOT_PERCEIVED) == 2.5 - COST
 
 
 def test_the_share_of_answers_is_that_of_both_cells():
@@ -400,7 +415,9 @@ def test_the_share_of_answers_is_that_of_both_cells():
         action = Action(EAST, True, NOBODY, found is not None)
         choice = Choice(X, Decision(COORDINATE, one.peers), action, found)
         one.learn(3 * number, choice, Reward(0, 0, 0, 0), X, ([X, z], [X, z]))
-    shares = [voi.share_answered(one.mind, one.task, 0, X, 1, z) for z in (Z, Z2, Y)]
+    shares = [
+        voi.share_answered(one.mind, 0, pair_row(one, X, z), z) for z in (Z, Z2, Y)
+    ]
     assert shares == [2 / 3, 1 / 2, 1.0]
 
 
@@ -410,18 +427,16 @@ def test_the_share_of_answers_is_that_of_both_cells():
 def test_a_move_leaves_as_often_as_it_did_with_the_peer_there():
     one = agent()
     set_moves(one, X, east=(5, 4, Y))
-    given = met(one.mind.given, one.task, 0, voi.peer_key(one.task, X, 1, Z2))
+    given = pair_row(one, X, Z2)
     assert voi.chance_to_leave(one.mind, 0, X, EAST, given) == 0.8
-    one.mind.given.updates[0, given, EAST] = 6
-    one.mind.given.values[0, given, EAST] = 1
+    one.mind.pairs.updates[0, given, [voi.TRIED + EAST, voi.LED + EAST]] = [6, 1]
     assert voi.chance_to_leave(one.mind, 0, X, EAST, given) == (1 + 2 * 0.8) / (6 + 2)
 
 
 def counted(one, x=X, z_next=Z2):
     """Return how often moves were tried in x with the peer then in z', and led out."""
-    row = voi.find(one.mind.given, 0, voi.peer_key(one.task, x, 1, z_next))
-    updates = one.mind.given.updates[0, row].tolist()
-    return updates, one.mind.given.values[0, row].tolist()
+    counts = one.mind.pairs.updates[0, pair_row(one, x, z_next)].tolist()
+    return counts[voi.TRIED : voi.LED], counts[voi.LED : ASKED]
 
 
 def test_moves_are_counted_with_the_peer_where_it_went():
@@ -448,20 +463,19 @@ def test_an_arrival_is_no_step_of_a_peer_that_does_not_answer():
     one = agent(perception="probability:0.5")
     before = one.goal - 1
     step(one, 1, before, EAST, one.goal, None)
-    counts = one.memory()["peer_updates"].sum(axis=0)
+    counts = one.memory()["steps_updates"].sum(axis=0)
     assert counts.tolist() == [0, 0, 1, 0]
     key = voi.step_key(one.task, before, 1, NOT_PERCEIVED, NOT_PERCEIVED)
-    assert key not in one.memory()["peer_keys"]
+    assert key not in one.memory()["steps_keys"]
 
 
 def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
     one = agent(goal_value=100)
     set_moves(one, X, east=(5, 4, Y), west=(5, 4, one.goal))
     one.mind.q_star[0, Y] = [0.0, 0.0, 1.0, 0.0, 0.0]
-    set_rho(one, Y, Z2, DOES_NOT_ASK, [0.0, 0.0, -4.0, 0.0])
-    peer = peer_row(one)
-    felt = met(one.mind.felt, one.task, 0, voi.peer_key(one.task, Y, 1, Z2))
-    one.mind.felt.values[0, felt, 0] = -20.0
+    set_rho(one, Y, Z2, [0.0, 0.0, -4.0, 0.0])
+    peer = step_row(one)
+    one.mind.pairs.values[0, pair_row(one, Y, Z2), FELT] = -20.0
 
     def after(b):
         one.mind.last[0, CELLS:] = [X, Z]
@@ -469,28 +483,13 @@ def test_r_c_is_that_of_the_step_or_of_the_cells_where_it_ends():
         return voi.after_leaving(one.mind, one.task, 0, 1, b, Z2, peer)
 
     assert after(EAST) == -20 + G * (40 - 4)  # never made
-    one.mind.peer.updates[0, peer, EAST] = 1  # it slipped
+    one.mind.steps.updates[0, peer, EAST] = 1  # it slipped
     assert after(EAST) == -20 + G * (40 - 4)
-    one.mind.peer.values[0, peer, EAST] = -7.0
+    one.mind.steps.values[0, peer, EAST] = -7.0
     assert after(EAST) == -7 + G * (40 - 4)
     assert after(WEST) == 10 + G * 100  # nothing was felt at the goal
     step(one, 1, X, WEST, one.goal, (Z,), common=-3.0, partners=0b10)
     assert after(WEST) == -2 * 3 + 10 + G * 100
-
-
-def test_a_choice_holds_while_the_robot_stays():
-    for asking in (-99.0, 99.0):  # whatever it would do now
-        one = agent()
-        one.mind.u[0, X] = [1.0, 2.0, 3.0, 4.0]
-        set_moves(one, X, **{b: (4, 0, X) for b in ("north", "south", "east", "west")})
-        set_rho(one, X, Z2, ASKS, [0.0, 9.0, 0.0, 0.0])
-        set_rho(one, X, Z2, DOES_NOT_ASK, [-1.0, -2.0, -3.0, -4.0])
-        one.mind.q_star[0, X] = [0.0, 0.0, 0.0, 50.0, asking]
-        learn_from_peer(one, X, EAST, -20.0)
-        u = one.mind.u[0, X]
-        stays = -20 + G * (11 - COST)
-        assert rho(one, X, Z, ASKS) == pytest.approx(ALPHA * (stays - u))
-        assert rho(one, X, Z, DOES_NOT_ASK) == pytest.approx(ALPHA * (-20.0 - u))
 
 
 def test_r_c_is_the_mean_of_what_was_felt():
@@ -520,16 +519,14 @@ def taught(common=0.0):
     one = agent()
     one.mind.u[0, X] = [10.0, 20.0, 30.0, 40.0]
     one.mind.u[0, Y] = [50.0, 60.0, 70.0, 80.0]
-    set_moves(one, X, north=(4, 0, 0), south=(3, 0, 0), east=(4, 3, Y), west=(2, 1, 1))
+    set_moves(one, X, north=(6, 0, 0), south=(5, 0, 0), east=(4, 3, Y), west=(2, 1, 1))
     one.mind.q_star[0, Y] = [0.0, 0.0, 0.0, 1.0, 2.0]
     one.mind.q_star[0, 1] = [0.0, 3.0, 0.0, 0.0, 2.0]
     one.mind.q_star[0, X] = [0.0, 0.0, 5.0, 0.0, 0.0]
-    set_rho(one, Y, Z2, ASKS, [0.0, 30.0, 0.0, -9.0])
-    set_rho(one, 1, Z2, DOES_NOT_ASK, [0.0, -8.0, 0.0, 0.0])
-    set_rho(one, X, Z2, ASKS, [0.0, 0.0, 0.0, 2.0])
-    set_rho(one, X, Z2, DOES_NOT_ASK, [-1.0, 0.0, -3.0, -5.0])
-    set_rho(one, X, Z, ASKS, [-2.0, -2.0, -2.0, -2.0])
-    set_rho(one, X, Z, DOES_NOT_ASK, [-6.0, -6.0, -6.0, -6.0])
+    set_rho(one, Y, Z2, [0.0, 30.0, 0.0, -9.0])
+    set_rho(one, 1, Z2, [0.0, -8.0, 0.0, 0.0])
+    set_rho(one, X, Z2, [0.0, 0.0, -3.0, 2.0])
+    set_rho(one, X, Z, [-2.0, -2.0, -2.0, -2.0])
     return one
 
 
@@ -540,63 +537,62 @@ def test_a_step_of_a_peer_teaches_all_known_moves():
     # With the peer in Z2 east led out 1 of 1 time, and 2 times 3 of 4; west 2 times 1 of 2.
     leaves = {NORTH: 0.0, EAST: (1 + 1.5) / 3, WEST: 1 / 2}
     after = {NORTH: 0.0, EAST: -20 + G * (90 - COST), WEST: G * (40 - 8)}
-    asks_on = G * (42 - COST)
-    goes_on = {NORTH: G * (10 - 1), EAST: G * (30 - 3), WEST: G * (40 - 5)}
+    stays = G * (30 - 3)  # what it would do in X: go east
     # All that is known of the peer's step: it followed one move east.
     weight = {NORTH: 1.0, EAST: 1.0, WEST: 1.0}
     u = one.mind.u[0, X]
-    asks = [-2.0] * 4
-    not_asks = [-6.0] * 4
+    expected = [-2.0] * 4
     for b, out in leaves.items():
         size = ALPHA * weight[b]
-        target = out * after[b] + (1 - out) * asks_on - u[b]
-        asks[b] += size * (target - asks[b])
-        target = out * after[b] + (1 - out) * goes_on[b] - u[b]
-        not_asks[b] += size * (target - not_asks[b])
-    assert rho(one, X, Z, ASKS) == pytest.approx(asks)
-    assert rho(one, X, Z, DOES_NOT_ASK) == pytest.approx(not_asks)
+        target = out * after[b] + (1 - out) * stays - u[b]
+        expected[b] += size * (target - expected[b])
+    assert rho(one, X, Z) == pytest.approx(expected)
     # South is not known: nothing was learned of it.
-    assert asks[SOUTH] == -2 and not_asks[SOUTH] == -6
+    assert expected[SOUTH] == -2
+    # Where it would ask in X, staying is worth the best move after the answer.
+    one = taught()
+    one.mind.q_star[0, X, COORDINATE] = 6.0
+    learn_from_peer(one, Y, EAST, -20.0)
+    target = G * (42 - COST) - u[NORTH]
+    assert rho(one, X, Z)[NORTH] == pytest.approx(-2 + ALPHA * (target + 2))
 
 
 def test_steps_that_other_moves_make_unlikely_count_less():
     one = taught()
-    asking = find(one.mind.rho, 0, voi.peer_key(one.task, X, 1, Z))
-    one.mind.peer.updates[0, peer_row(one)] = [2, 1, 2, 1]
-    one.mind.rho.updates[0, asking] = [5, 3, 2, 1]
-    before = np.array(rho(one, X, Z, ASKS))
+    one.mind.steps.updates[0, step_row(one)] = [2, 1, 2, 1]
+    one.mind.pairs.updates[0, pair_row(one, X, Z), :4] = [5, 3, 2, 1]
+    before = np.array(rho(one, X, Z))
     learn_from_peer(one, Y, EAST, 0.0)
     share = 7 / 12
     chance = [(2 + share) / 6, None, (3 + share) / 4, (1 + share) / 2]
     for b, target in (
-        (NORTH, G * (42 - COST) - 10),
-        (WEST, 0.5 * G * 32 + 0.5 * G * (42 - COST) - 40),
+        (NORTH, G * 27 - 10),
+        (WEST, 0.5 * G * 32 + 0.5 * G * 27 - 40),
     ):
         size = ALPHA * chance[b] / chance[EAST]
         expected = before[b] + size * (target - before[b])
-        assert rho(one, X, Z, ASKS)[b] == pytest.approx(expected)
+        assert rho(one, X, Z)[b] == pytest.approx(expected)
 
 
 def test_the_step_size_is_that_of_the_next_step_of_the_peer_and_at_most_1():
     one = taught()
     one.task = one.task._replace(step_sizes=memoryview(BY_COUNT))
     one.task = one.task._replace(floors=memoryview(np.zeros(99)))
-    target = G * (42 - COST) - 10
+    target = G * 27 - 10
     expected = -2.0
     for n in (2, 3):
         learn_from_peer(one, Y, EAST, 0.0)
         share = 1.0
         weight = min(2.0, share / ((n - 1 + share) / n))
         expected += weight / n * (target - expected)
-        assert rho(one, X, Z, ASKS)[NORTH] == pytest.approx(expected)
+        assert rho(one, X, Z)[NORTH] == pytest.approx(expected)
     one = taught()
     one.task = one.task._replace(floors=memoryview(np.ones(99)))
-    asking = find(one.mind.rho, 0, voi.peer_key(one.task, X, 1, Z))
-    one.mind.rho.updates[0, asking] = [1, 0, 9, 0]
-    one.mind.peer.updates[0, peer_row(one), NORTH] = 1
+    one.mind.pairs.updates[0, pair_row(one, X, Z), :4] = [1, 0, 9, 0]
+    one.mind.steps.updates[0, step_row(one), NORTH] = 1
     learn_from_peer(one, Y, EAST, 0.0)
     # the peer's step was rare after east: north would count twice, but not more than all
-    assert rho(one, X, Z, ASKS)[NORTH] == pytest.approx(target)
+    assert rho(one, X, Z)[NORTH] == pytest.approx(target)
 
 
 def test_r_c_counts_as_often_as_credit_says_with_the_peers_that_were_there():
@@ -606,10 +602,10 @@ def test_r_c_counts_as_often_as_credit_says_with_the_peers_that_were_there():
         step(one, 1, X, EAST, Y, (Z, Z), common=-20.0, partners=0b100)
         step(one, 2, Y, NORTH, Y, (Z2, Z2))
         u = one.mind.u[0]
-        assert rho(one, X, Z, ASKS, peer=1)[EAST] == pytest.approx(
+        assert rho(one, X, Z, peer=1)[EAST] == pytest.approx(
             ALPHA * (G * (u[Y].max()) - u[X, EAST])
         )
-        assert rho(one, X, Z, ASKS, peer=2)[EAST] == pytest.approx(
+        assert rho(one, X, Z, peer=2)[EAST] == pytest.approx(
             ALPHA * (-20 * weight + G * (u[Y].max()) - u[X, EAST])
         )
 
@@ -618,11 +614,10 @@ def test_a_step_that_stays_tells_what_is_felt_there_not_what_the_move_brings():
     one = agent()
     step(one, 1, X, EAST, X, (Z,), common=-20.0, partners=0b10)
     step(one, 2, X, EAST, X, (Z2,))
-    peer = peer_row(one)
-    felt = voi.find(one.mind.felt, 0, voi.peer_key(one.task, X, 1, Z2))
-    assert one.mind.peer.updates[0, peer].tolist() == [0, 0, 1, 0]
-    assert one.mind.peer.values[0, peer].tolist() == [NOT_FELT] * 4
-    assert one.mind.felt.values[0, felt, 0] == -40.0
+    peer = step_row(one)
+    assert one.mind.steps.updates[0, peer].tolist() == [0, 0, 1, 0]
+    assert one.mind.steps.values[0, peer].tolist() == [NOT_FELT] * 4
+    assert one.mind.pairs.values[0, pair_row(one, X, Z2), FELT] == -40.0
 
 
 # What it does.
@@ -635,7 +630,7 @@ def test_while_it_learns_it_asks_in_every_step_and_explores_its_moves():
     moves = [one.act(number, X, asked, (Z,)).move for number in range(200)]
     assert set(moves) == {0, 1, 2, 3}
     # Of five actions it explored one is to ask: then it is greedy by Q^C.
-    set_rho(one, X, Z, ASKS, [0.0, 0.0, 90.0, 0.0])
+    set_rho(one, X, Z, [0.0, 0.0, 90.0, 0.0])
     east = [one.act(number, X, asked, (Z,)).move == EAST for number in range(200)]
     assert 0.3 < np.mean(east) < 0.5
 
@@ -643,7 +638,7 @@ def test_while_it_learns_it_asks_in_every_step_and_explores_its_moves():
 def test_without_exploring_it_moves_as_it_would_without_asking():
     one = agent(epsilon="constant:0")
     one.mind.q_star[0, X] = [0.0, 9.0, 0.0, 0.0, 5.0]
-    set_rho(one, X, Z, ASKS, [0.0, 0.0, 90.0, 0.0])
+    set_rho(one, X, Z, [0.0, 0.0, 90.0, 0.0])
     asked = Decision(COORDINATE, (1,))
     assert one.act(1, X, asked, (Z,)).move == SOUTH
     one.mind.q_star[0, X, COORDINATE] = 10.0
@@ -653,7 +648,7 @@ def test_without_exploring_it_moves_as_it_would_without_asking():
 def test_where_it_sees_its_peers_it_asks_only_where_its_policy_does():
     one = agent(epsilon="constant:0", peers_seen="while_learning")
     one.mind.q_star[0, X] = [0.0, 9.0, 0.0, 0.0, 5.0]
-    set_rho(one, X, Z, ASKS, [0.0, 0.0, 90.0, 0.0])
+    set_rho(one, X, Z, [0.0, 0.0, 90.0, 0.0])
     assert one.decide(1, X) == Decision(SOUTH)
     asked = Decision(COORDINATE, (1,))
     assert one.act(1, X, asked, (Z,)).move == EAST
@@ -671,8 +666,8 @@ def waiting(team=THREE, **settings):
     one.task = one.task._replace(learning=False)
     one.mind.u[0, X] = [80.0, 0.0, 100.0, 60.0]
     set_moves(one, X, north=(9, 0, 0), east=(9, 9, Y), west=(9, 9, 1))
-    set_rho(one, X, Y, ASKS, [0.0, 0.0, -90.0, 0.0], peer=1)
-    set_rho(one, X, Z, ASKS, [0.0, 0.0, -50.0, 0.0], peer=2)
+    set_rho(one, X, Y, [0.0, 0.0, -90.0, 0.0], peer=1)
+    set_rho(one, X, Z, [0.0, 0.0, -50.0, 0.0], peer=2)
     one.begin_episode()
     return one
 
@@ -695,9 +690,9 @@ def test_a_step_of_the_peer_in_the_way_begins_the_count_again_no_other_one():
     assert moves_of(one, [(Y, Z2)] * 2) == [NORTH, WEST]
     # The peer in its way is now the one in Z; when it moves, all begins again.
     one = waiting()
-    set_rho(one, X, Y, ASKS, [0.0, 0.0, -40.0, 0.0], peer=1)
+    set_rho(one, X, Y, [0.0, 0.0, -40.0, 0.0], peer=1)
     assert moves_of(one, [(Y, Z)] * 11)[-1] == WEST
-    set_rho(one, X, Z2, ASKS, [0.0, 0.0, -50.0, 0.0], peer=2)
+    set_rho(one, X, Z2, [0.0, 0.0, -50.0, 0.0], peer=2)
     assert moves_of(one, [(Y, Z2)] * 10) == [NORTH] * 10
     assert moves_of(one, [(Y, Z2)]) == [WEST]
 
@@ -713,24 +708,24 @@ def test_an_own_step_and_a_new_episode_begin_the_count_again():
 
 def test_of_peers_that_are_as_bad_the_first_one_is_in_the_way():
     one = waiting()
-    set_rho(one, X, Z, ASKS, [0.0, 0.0, -90.0, 0.0], peer=2)
-    set_rho(one, X, Z2, ASKS, [0.0, 0.0, -90.0, 0.0], peer=2)
+    set_rho(one, X, Z, [0.0, 0.0, -90.0, 0.0], peer=2)
+    set_rho(one, X, Z2, [0.0, 0.0, -90.0, 0.0], peer=2)
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 10)[-1] == WEST
     # also where no peer is in the way
     one = waiting()
     one.mind.u[0, X, EAST] = 70.0
-    set_rho(one, X, Y, ASKS, [9.0, 9.0, 9.0, 9.0], peer=1)
-    set_rho(one, X, Z, ASKS, [9.5, 9.5, 9.5, 9.5], peer=2)
-    set_rho(one, X, Z2, ASKS, [9.5, 9.5, 9.5, 9.5], peer=2)
+    set_rho(one, X, Y, [9.0, 9.0, 9.0, 9.0], peer=1)
+    set_rho(one, X, Z, [9.5, 9.5, 9.5, 9.5], peer=2)
+    set_rho(one, X, Z2, [9.5, 9.5, 9.5, 9.5], peer=2)
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 10)[-1] == EAST
 
 
 def test_of_moves_that_are_as_good_alone_the_first_one_is_its_way():
     one = waiting()
     one.mind.u[0, X] = [80.0, 100.0, 100.0, 60.0]
-    set_rho(one, X, Y, ASKS, [0.0, -90.0, 0.0, 0.0], peer=1)
+    set_rho(one, X, Y, [0.0, -90.0, 0.0, 0.0], peer=1)
     for cell in (Z, Z2):
-        set_rho(one, X, cell, ASKS, [0.0, 0.0, -90.0, 0.0], peer=2)
+        set_rho(one, X, cell, [0.0, 0.0, -90.0, 0.0], peer=2)
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [NORTH, WEST, WEST]
 
 
@@ -738,9 +733,9 @@ def test_its_way_may_be_north():
     one = waiting()
     one.mind.u[0, X] = [100.0, 100.0, 80.0, 60.0]
     set_moves(one, X, north=(9, 9, 0), east=(9, 0, 0))
-    set_rho(one, X, Y, ASKS, [-90.0, 0.0, 0.0, 0.0], peer=1)
+    set_rho(one, X, Y, [-90.0, 0.0, 0.0, 0.0], peer=1)
     for cell in (Z, Z2):
-        set_rho(one, X, cell, ASKS, [0.0, -90.0, 0.0, 0.0], peer=2)
+        set_rho(one, X, cell, [0.0, -90.0, 0.0, 0.0], peer=2)
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [EAST, WEST, WEST]
 
 
@@ -751,8 +746,8 @@ def test_robot_0_may_be_in_the_way_too():
     mind.tries[1, X] = 9
     mind.led[1, X] = [0, 0, 9, 9]
     for peer, cell, value in ((0, Y, -90.0), (2, Z, -50.0), (2, Z2, -50.0)):
-        key = voi.peer_key(one.task, X, peer, cell)
-        mind.rho.values[1, met(mind.rho, one.task, 1, key), EAST] = value
+        key = voi.pair_key(one.task, X, peer, cell)
+        mind.pairs.values[1, met(mind.pairs, one.task, 1, key), EAST] = value
     one.begin_episode()
     assert moves_of(one, [(Y, Z), (Y, Z2)] * 6)[9:] == [NORTH, WEST, WEST]
 
@@ -790,9 +785,9 @@ def test_another_run_begins_with_its_values_without_its_counts():
     memory = one.memory()
     assert "row" not in memory
     begun = memories.taught(one.scenario, one.learner, 0, memory)
-    for name in ("q_star", "u", "gain", "rho_keys", "rho_values"):
+    for name in ("q_star", "u", "gain", "pairs_keys", "pairs_values"):
         assert memory[name].any() and np.array_equal(memory[name], begun[name])
-    for name in ("updates", "arrivals", "rho_updates"):
+    for name in ("updates", "arrivals", "pairs_updates"):
         assert memory[name].any() and not begun[name].any()
 
 
@@ -801,34 +796,34 @@ def test_tables_grow_with_what_was_met_not_with_joint_states():
     begun = memory_before(learner_of("voi"), scenario, 0)
     cells = len(scenario.map.cells)
     assert max(array.size for array in begun.values()) <= 5 * cells
-    for name in ("rho", "rho0", "given", "peer", "felt"):
+    for name in ("pairs", "steps"):
         assert len(begun[f"{name}_keys"]) == 0
     one = Agent(learner_of("voi"), scenario, 0, 3)
     peers = len(one.peers)
-    place = one.mind.rho.values.shape[1]
+    place = one.mind.steps.values.shape[1]
     seen = tuple(range(40, 40 + peers))
     for number in range(40):
         step(one, 1 + number, number, EAST, number + 1, seen)
-    assert one.mind.rho.used[0] == one.mind.rho0.used[0] == peers * 39 + 1
-    assert one.mind.peer.used[0] == one.mind.given.used[0] == peers * 39 + 1
-    assert one.mind.felt.used[0] == peers * 40 + 1
-    assert place < one.mind.rho.values.shape[1] < 2 * one.mind.rho.used[0] + 2 * place
+    assert one.mind.steps.used[0] == peers * 39 + 1
+    assert one.mind.pairs.used[0] == peers * 40 + 1
+    assert (
+        place < one.mind.steps.values.shape[1] < 2 * one.mind.steps.used[0] + 2 * place
+    )
     assert learner_of("voi").rows_of_a_cell(scenario) == peers * cells
 
 
 def test_keys_of_cells_and_peers_are_different():
     task = agent(THREE).task
     keys = {
-        voi.peer_key(task, x, j, z)
+        voi.pair_key(task, x, j, z)
         for x in range(task.cells)
         for j in range(task.robots)
         for z in (NOT_PERCEIVED, *range(task.cells))
     }
     assert keys == set(range(task.cells * task.robots * (task.cells + 1)))
     mind = agent(THREE).mind
-    for table in (mind.rho, mind.rho0, mind.given, mind.felt):
-        assert table.most == len(keys)
-    assert mind.peer.most == len(keys) * (task.cells + 2)
+    assert mind.pairs.most == len(keys)
+    assert mind.steps.most == len(keys) * (task.cells + 2)
 
 
 def test_several_peers_are_asked_at_once():
@@ -870,15 +865,16 @@ def test_where_answers_always_come_it_learns_the_same_with_and_without_seeing():
     asked = tables["always", "when_asked"]
     saw = tables["always", "while_learning"]
     for one, other in zip(asked, saw, strict=True):
-        assert one["rho_values"].any() and one["gain"].any()
+        assert one["pairs_values"].any() and one["gain"].any()
         # it asks in every step, or where its policy does
-        asks = [m["felt_updates"][:, voi.ASKED].sum() for m in (one, other)]
+        asks = [m["pairs_updates"][:, ASKED].sum() for m in (one, other)]
         assert asks[0] > asks[1] > 0
         for m in (one, other):
-            ended = m["felt_updates"][:, voi.ENDED] > 0
-            for name in ("felt_keys", "felt_values"):
-                m[name] = m[name][ended]
-            del m["felt_updates"]
+            counts = np.delete(m["pairs_updates"], [ASKED, ANSWERED], axis=1)
+            learned = counts.any(axis=1)
+            m["pairs_updates"] = counts
+            for name in ("pairs_keys", "pairs_values", "pairs_updates"):
+                m[name] = m[name][learned]
         one["updates"] = one["updates"][:, :COORDINATE]
         other["updates"] = other["updates"][:, :COORDINATE]
         assert memories_equal(one, other)

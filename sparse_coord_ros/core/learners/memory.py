@@ -6,7 +6,7 @@ import numpy as np
 
 from sparse_coord_ros.base.errors import TablesError
 from sparse_coord_ros.base.npz import member
-from sparse_coord_ros.core.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.game.actions import ACTIONS
 from sparse_coord_ros.core.game.scenario import Scenario
 from sparse_coord_ros.core.learners.learner import Learner
 from sparse_coord_ros.core.learners.mind import Memory, memory_before
@@ -73,9 +73,11 @@ def _check_rows(memory: Memory, name: str, begun: Table) -> None:
     keys = member(memory, f"{name}_keys", np.int64, None)
     if keys.max(initial=0) >= begun.most:
         raise ValueError(f"{name}_keys are not those of joint states of this scenario")
-    values = member(memory, f"{name}_values", np.float64, len(keys), PRIMITIVES)
+    columns = begun.values.shape[1]
+    values = member(memory, f"{name}_values", np.float64, len(keys), columns)
     _check_finite(values, f"{name}_values")
-    member(memory, f"{name}_updates", np.int64, len(keys), PRIMITIVES)
+    counts = begun.updates.shape[1]
+    member(memory, f"{name}_updates", np.int64, len(keys), counts)
 
 
 def _check_finite(values: np.ndarray, name: str) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables with a row [move] for each key that was met, such as Q^C with its joint states.
+"""Tables with a row for each key that was met, such as Q^C with its joint states.
 
 A table grows with what its robot visits, not with the number of joint states. Rows stand in the
 order in which they were met. An index finds the row of a key: hashing with open addressing and
@@ -26,8 +26,9 @@ class Table(NamedTuple):
     """The tables of a team; k is a robot.
 
     Attributes:
-        values: the entries [k, row, move], float64.
-        updates: how often each of them was updated [k, row, move], int64.
+        values: the entries [k, row, column], float64; of most tables a column is a move.
+        updates: how often each of them was updated [k, row, column], int64; a learner may count
+            in other columns.
         used: rows in use [k], int64.
         index: the keys and their rows: KEY and ROW; row 0: the place is free [k, place, 2], int64.
             The number of places is a power of two, at least twice the number of rows.
@@ -45,21 +46,24 @@ class Table(NamedTuple):
     a_step: int
 
 
-def table(most: int, first: np.ndarray, a_step: int = 1) -> Table:
+def table(
+    most: int, first: np.ndarray, a_step: int = 1, counts: int = PRIMITIVES
+) -> Table:
     """Return the table of one robot before learning: its arrays have no axis [k].
 
     Args:
         most: number of possible keys.
-        first: what rows begin with, shape (n, 4): the first `most / n` keys begin with its first
-            row, the next ones with the second, and so on.
+        first: what rows begin with, shape (n, columns): the first `most / n` keys begin with its
+            first row, the next ones with the second, and so on.
         a_step: the most rows that a time step adds.
+        counts: columns of `updates`.
     """
     rows = len(first) + a_step + FIRST_ROWS
-    values = np.zeros((rows, PRIMITIVES))
+    values = np.zeros((rows, first.shape[1]))
     values[: len(first)] = first
     return Table(
         values=values,
-        updates=np.zeros((rows, PRIMITIVES), dtype=np.int64),
+        updates=np.zeros((rows, counts), dtype=np.int64),
         used=np.array(len(first)),
         index=np.zeros((places_for(rows), 2), dtype=np.int64),
         span=most // len(first),
@@ -122,8 +126,8 @@ def met(rows: Table, task: Any, k: int, key: int) -> int:
         return row
     row = rows.used[k]
     begun = key // rows.span
-    for b in range(PRIMITIVES):
-        rows.values[k, row, b] = rows.values[k, begun, b]
+    for column in range(rows.values.shape[2]):
+        rows.values[k, row, column] = rows.values[k, begun, column]
     rows.index[k, place, KEY] = key
     rows.index[k, place, ROW] = row
     rows.used[k] = row + 1
@@ -134,10 +138,11 @@ def met(rows: Table, task: Any, k: int, key: int) -> int:
 
 def grown(rows: Table, needed: int) -> Table:
     """Return a table with room for so many rows of each robot: with copies of the rows."""
-    team, before, _ = rows.values.shape
+    team, before, columns = rows.values.shape
+    counts = rows.updates.shape[2]
     larger = Table(
-        values=np.zeros((team, needed, PRIMITIVES)),
-        updates=np.zeros((team, needed, PRIMITIVES), dtype=np.int64),
+        values=np.zeros((team, needed, columns)),
+        updates=np.zeros((team, needed, counts), dtype=np.int64),
         used=rows.used,
         index=np.zeros((team, places_for(needed), 2), dtype=np.int64),
         span=rows.span,
@@ -182,8 +187,8 @@ class LearnedRows(NamedTuple):
 
     Attributes:
         keys: shape (rows,), int64.
-        values: shape (rows, 4), float64.
-        updates: how often each entry was updated, shape (rows, 4), int64.
+        values: shape (rows, columns), float64.
+        updates: the counts, shape (rows, columns), int64.
     """
 
     keys: np.ndarray

@@ -5,29 +5,24 @@
 Cells: x of the robot, z_j of peer j; a step later y and z'_j. Moves: b. c: the cost of a question.
 
     (1) U(x, b)      = E[ r^I + gamma max_b' U(y, b') ]             a robot that meets nobody
-    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             the worst peer
-    (3) Q*(x, b)     = U(x, b) + mean of min_j rho0_j(x, z_j, b)    it does not ask
-    (4) Q*(x, ask)   = mean of A(x, z) - c                          it asks
+    (2) Q^C(x, z, b) = U(x, b) + min_j rho_j(x, z_j, b)             it knows z: the worst peer
+    (3) Q*(x, b)     = mean over z of Q^C(x, z, b)                  it does not ask
+    (4) Q*(x, ask)   = mean over z of A(x, z) - c                   it asks
         A(x, z)      = p max_b Q^C(x, z, b) + (1 - p) Q^C(x, z, n)
 
-The means are over the cells z in which it finds its peers when it comes to x. rho_j is what peer j
-changes if the robot asks in x, rho0_j if it does not. p is the share of questions that are
-answered there, n the move of a robot without an answer. With several peers the least of them and 0
-counts, see `worst`. Each step from z_j to z'_j teaches both, for all moves of the cell that it
-knows:
+rho_j is what peer j changes. The means are over the cells z in which the robot finds its peers
+when it comes to x. p is the share of questions that are answered there, n the move of a robot
+without an answer. With several peers the least of them and 0 counts, see `worst`. Each step of a
+peer from z_j to z'_j teaches rho_j, for all moves of the cell x that the robot knows:
 
     (5) U + rho_j    <- sum_y P(y | x, b, z'_j) [ r^C + gamma V_j(y, z'_j) ]
-    (6) V_j(y, z')   =  A(y, z') - c                    if it asks in y; A with this rho_j alone
-                        (U + rho0_j)(y, z', m)          if not; m: the best move of (3)
+    (6) V_j(y, z')   =  A(y, z') - c                    if it asks in y, with j as its only peer
+                        (U + rho_j)(y, z', m)           if not; m: the best move of (3)
 
 At the goal the value of the arrival, its reward too, is in place of gamma U and of gamma V_j. A
-question asks all peers at once, so with several of them each V_j has its share of c.
-
-As a robot's choice depends on its cell alone, it holds while the robot stays there: for y = x,
-rho_j takes the first line of (6), and rho0_j the second one with m = b. A step that the robot did
-not make itself counts by its probability (`weight_of`). A robot that does not know z learns of
-"no answer" (`NOT_PERCEIVED`) as of a cell. In teams of more than two, robots that face each other
-lose patience: see `patience`.
+step that the robot did not make itself counts by its probability (`weight_of`). A robot that does
+not know z learns of "no answer" (`NOT_PERCEIVED`) as of a cell. In teams of more than two, robots
+that face each other lose patience: see `patience`.
 
 This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
 max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
@@ -62,9 +57,9 @@ from sparse_coord_ros.core.learners.rules import (
 )
 from sparse_coord_ros.core.learners.table import Table, find, met, table
 
-WALL = 4
-"""Tries after which a move that never led out of its cell is one into a wall: it may have slipped
-before."""
+WALL = 6
+"""Tries after which a move that never led out of its cell is one into a wall. It may have slipped:
+an open door that is taken for a wall may never be tried again, where a longer way is open."""
 
 MAP_TRIES = 20
 """For how many tries of each move a known map counts."""
@@ -94,8 +89,15 @@ from `CELLS` on the cells of all robots at t."""
 NO_STEP = -2.0
 """The time step of `last` before the first one."""
 
-ASKED, ANSWERED, ENDED = range(3)
-"""Counts of a row of `felt`."""
+RHO, FELT = 0, PRIMITIVES
+"""Columns of the values of `pairs`: rho_j of each move; the mean r^C of steps that ended here."""
+
+MADE, TRIED, LED = 0, PRIMITIVES, 2 * PRIMITIVES
+"""First columns of its counts of moves b: made with the peer in z; tried, and led out, with the
+peer in z afterwards."""
+
+ASKED, ANSWERED, ENDED = range(3 * PRIMITIVES, 3 * PRIMITIVES + 3)
+"""Columns of its other counts: questions, those with an answer, and steps that ended here."""
 
 
 class Voi(Learner):
@@ -114,7 +116,7 @@ class Voi(Learner):
             "step_size": "floored:0.6:0.1:0.01",
         }
     )
-    values = ("q_star", "u", "gain", "blind", "rho", "rho0")
+    values = ("q_star", "u", "gain", "blind", "pairs")
     scratch = ("row",)
 
     class Mind(NamedTuple):
@@ -132,13 +134,10 @@ class Voi(Learner):
             gain: Q* - U of moves; of COORDINATE Q* + c - max_b U [k, x, action].
             blind: the mean of Q^C - U over the cells z of peers that do not answer [k, x, b].
             arrivals: how often it met its peers on coming to x [k, x].
-            rho: rho_j: a row [b] for x, j, z; `updates`: how often b was made there.
-            rho0: rho0_j, a row [b] for x, j, z.
-            given: for x, j and z', how often b was tried (`updates`), and led out (`values`).
-            peer: for x, j, z and z', how often b was made (`updates`), and the mean r^C of it when
-                it led out (`values`); when it led home for z' `task.cells`: see `step_key`.
-            felt: for y, j and z', the mean r^C of steps that ended there (`values`, first column),
-                and the counts `ASKED`, `ANSWERED` and `ENDED` (`updates`).
+            pairs: a row for x, j and z: rho_j, r^C, and counts, in the columns above.
+            steps: a row [b] for x, j, z and z': how often b was made (`updates`), and the mean r^C
+                of it when it led out (`values`); when it led home for z' `task.cells`: see
+                `step_key`.
             last: the last step: `STEP`, `CELL`, `MOVE`, `PARTNERS`, `COMMON`, `CELLS` [k, 5 + j].
             stood: of the last answer: how many in a row found nobody moved, and the cells of all
                 robots [k, 1 + j].
@@ -156,11 +155,8 @@ class Voi(Learner):
         gain: Any
         blind: Any
         arrivals: Any
-        rho: Table
-        rho0: Table
-        given: Table
-        peer: Table
-        felt: Table
+        pairs: Table
+        steps: Table
         last: Any
         stood: Any
         row: Any
@@ -194,7 +190,8 @@ class Voi(Learner):
         team = len(scenario.robots)
         places = cells * team * (cells + 1)
         moves = (cells, PRIMITIVES)
-        nothing = np.zeros((1, PRIMITIVES))
+        nothing = np.zeros((1, PRIMITIVES + 1))
+        nothing[0, FELT] = NOT_FELT
         not_felt = np.full((1, PRIMITIVES), NOT_FELT)
         u = np.full(moves, float(scenario.q_coord_init))
         q_star = np.full((cells, len(ACTIONS)), float(scenario.q_coord_init))
@@ -211,11 +208,8 @@ class Voi(Learner):
             gain=np.zeros(q_star.shape),
             blind=np.zeros(moves),
             arrivals=np.zeros(cells, dtype=np.int64),
-            rho=table(places, nothing, team),
-            rho0=table(places, nothing, team),
-            given=table(places, nothing, team),
-            peer=table(places * (cells + 2), not_felt, 2 * team),
-            felt=table(places, not_felt, 2 * team),
+            pairs=table(places, nothing, 3 * team, ENDED + 1),
+            steps=table(places * (cells + 2), not_felt, 2 * team),
             last=np.full(CELLS + team, NO_STEP),
             stood=np.zeros(1 + team, dtype=np.int64),
             row=np.zeros(PRIMITIVES),
@@ -336,7 +330,7 @@ def by_policy(values: Values, task: Task, k: int, step: int) -> int:
 
 
 @jitable
-def peer_key(task: Task, x: int, j: int, z: int) -> int:
+def pair_key(task: Task, x: int, j: int, z: int) -> int:
     """Return the key of an own cell, a peer and its cell, which may be `NOT_PERCEIVED`, -1."""
     return (x * task.robots + j) * (task.cells + 1) + z + 1
 
@@ -347,7 +341,7 @@ def step_key(task: Task, x: int, j: int, z: int, z_next: int) -> int:
 
     On arrival z' is not known: it then is `task.cells`, which is no cell.
     """
-    return peer_key(task, x, j, z) * (task.cells + 2) + z_next + 1
+    return pair_key(task, x, j, z) * (task.cells + 2) + z_next + 1
 
 
 # A robot alone.
@@ -373,21 +367,21 @@ def count_question(mind: Any, task: Task, k: int, now: Transition) -> None:
     mind.updates[k, now.cell, COORDINATE] += 1
     for j in range(task.robots):
         if j != k:
-            key = peer_key(task, now.cell, j, int(now.cells[j]))
-            counts = mind.felt.updates[k, met(mind.felt, task, k, key)]
+            key = pair_key(task, now.cell, j, int(now.cells[j]))
+            counts = mind.pairs.updates[k, met(mind.pairs, task, k, key)]
             counts[ASKED] += 1
             counts[ANSWERED] += now.answered
 
 
 @jitable
-def share_answered(mind: Any, task: Task, k: int, x: int, j: int, z: int) -> float:
-    """Return the share of questions that were answered with the peer in z.
+def share_answered(mind: Any, k: int, row: int, z: int) -> float:
+    """Return the share of questions that were answered with the peer in z, by a row of `pairs`.
 
     One answer is counted before the first question. Where the robot knows no z, it had none.
     """
     if z == NOT_PERCEIVED:
         return 0.0
-    counts = mind.felt.updates[k, find(mind.felt, k, peer_key(task, x, j, z))]
+    counts = mind.pairs.updates[k, row]
     return float((counts[ANSWERED] + 1) / (counts[ASKED] + 1))
 
 
@@ -435,15 +429,15 @@ def learn_alone(mind: Any, task: Task, k: int, x: int) -> None:
 
 
 @jitable
-def worst(rho: Table, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
-    """Set min_j rho_j(x, z_j, b), or that of rho0; more than 0 only with one peer."""
+def worst(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
+    """Set min_j rho_j(x, z_j, b); more than 0 only with one peer."""
     for b in range(PRIMITIVES):
         values[b] = 0.0
     for j in range(task.robots):
         if j != k:
-            row = find(rho, k, peer_key(task, x, j, int(cells[j])))
+            row = find(mind.pairs, k, pair_key(task, x, j, int(cells[j])))
             for b in range(PRIMITIVES):
-                value = rho.values[k, row, b]
+                value = mind.pairs.values[k, row, RHO + b]
                 if task.robots == 2 or value < values[b]:
                     values[b] = value
 
@@ -451,7 +445,7 @@ def worst(rho: Table, task: Task, k: int, x: int, cells: Any, values: Any) -> No
 @jitable
 def know(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> None:
     """Set Q^C(x, z, .), by (2)."""
-    worst(mind.rho, task, k, x, cells, values)
+    worst(mind, task, k, x, cells, values)
     for b in range(PRIMITIVES):
         values[b] += mind.u[k, x, b]
 
@@ -492,25 +486,18 @@ def best_move(values: Values) -> int:
 
 
 @jitable
-def value_of(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
-    """Return V_j(y, z'), by (6)."""
+def value_of(mind: Any, task: Task, k: int, y: int, pair: int, z: int) -> float:
+    """Return V_j(y, z'), by (6); `pairs` is the row of y, j and z'."""
+    rho = mind.pairs.values[k, pair]
     m = best_move(mind.q_star[k, y])
-    if mind.q_star[k, y, COORDINATE] > mind.q_star[k, y, m]:
-        return value_asking(mind, task, k, j, y, z)
-    row = find(mind.rho0, k, peer_key(task, y, j, z))
-    return float(mind.u[k, y, m] + mind.rho0.values[k, row, m])
-
-
-@jitable
-def value_asking(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
-    """Return the first line of (6)."""
-    share = share_answered(mind, task, k, y, j, z)
+    if mind.q_star[k, y, COORDINATE] <= mind.q_star[k, y, m]:
+        return float(mind.u[k, y, m] + rho[RHO + m])
+    share = share_answered(mind, k, pair, z)
     n = move_without_answer(mind, k, y, share)
     row = mind.row[k]
-    rho = mind.rho.values[k, find(mind.rho, k, peer_key(task, y, j, z))]
     for b in range(PRIMITIVES):
-        row[b] = mind.u[k, y, b] + rho[b]
-    return worth_of_asking(row, share, n) - price(task) / (task.robots - 1)
+        row[b] = mind.u[k, y, b] + rho[RHO + b]
+    return worth_of_asking(row, share, n) - price(task)
 
 
 @jitable
@@ -530,11 +517,11 @@ def learn_from_arrival(mind: Any, task: Task, k: int, now: Transition) -> None:
     for j in range(task.robots):
         if j != k:
             z = int(now.cells[j])
-            row = met(mind.peer, task, k, step_key(task, now.cell, j, z, task.cells))
-            mind.peer.updates[k, row, now.move] += 1
-            alpha = step_size(task, int(mind.peer.updates[k, row, now.move]), now.step)
+            row = met(mind.steps, task, k, step_key(task, now.cell, j, z, task.cells))
+            mind.steps.updates[k, row, now.move] += 1
+            alpha = step_size(task, int(mind.steps.updates[k, row, now.move]), now.step)
             common = common_with(mind, task, k, j)
-            feel(mind.peer.values[k, row], now.move, common, alpha)
+            feel(mind.steps.values[k, row], now.move, common, alpha)
 
 
 @jitable
@@ -548,7 +535,9 @@ def common_with(mind: Any, task: Task, k: int, j: int) -> float:
     last = mind.last[k]
     if (int(last[PARTNERS]) >> j) & 1 == 0:
         return 0.0
-    share = share_answered(mind, task, k, int(last[CELL]), j, int(last[CELLS + j]))
+    z = int(last[CELLS + j])
+    pair = find(mind.pairs, k, pair_key(task, int(last[CELL]), j, z))
+    share = share_answered(mind, k, pair, z)
     weight = task.weights.common
     return float((share * weight + (1.0 - share) * min(weight, 1.0)) * last[COMMON])
 
@@ -572,7 +561,7 @@ def learn_from_peer(
     z_next: int,
     common: float,
 ) -> None:
-    """Learn rho_j and rho0_j of all moves in x from a step of peer j: equation (5).
+    """Learn rho_j of all moves in x from a step of peer j: equation (5).
 
     Args:
         mind: the team's mind; `last` is that step.
@@ -587,87 +576,79 @@ def learn_from_peer(
     move = int(mind.last[k, MOVE])
     z = int(mind.last[k, CELLS + j])
     y = now.cell
-    key = peer_key(task, x, j, z)
-    peer = met(mind.peer, task, k, step_key(task, x, j, z, z_next))
-    given = met(mind.given, task, k, peer_key(task, x, j, z_next))
-    felt = met(mind.felt, task, k, peer_key(task, y, j, z_next))
-    asking = met(mind.rho, task, k, key)
-    not_asking = met(mind.rho0, task, k, key)
+    step = met(mind.steps, task, k, step_key(task, x, j, z, z_next))
+    pair = met(mind.pairs, task, k, pair_key(task, x, j, z))
+    given = met(mind.pairs, task, k, pair_key(task, x, j, z_next))
+    ended = met(mind.pairs, task, k, pair_key(task, y, j, z_next))
+    made = mind.pairs.updates[k, pair]
+    went = mind.steps.updates[k, step]
     # Count the step.
-    mind.rho.updates[k, asking, move] += 1
-    mind.peer.updates[k, peer, move] += 1
+    made[MADE + move] += 1
+    went[move] += 1
     # Of arrivals it does not know where the peer went: it counts no move that leads home.
     if mind.to[k, x, move] != task.goals[k]:
-        mind.given.updates[k, given, move] += 1
-        if y != x:
-            mind.given.values[k, given, move] += 1.0
-    mind.felt.updates[k, felt, ENDED] += 1
-    alpha = step_size(task, int(mind.felt.updates[k, felt, ENDED]), now.step)
-    feel(mind.felt.values[k, felt], 0, common, alpha)
+        mind.pairs.updates[k, given, TRIED + move] += 1
+        mind.pairs.updates[k, given, LED + move] += y != x
+    mind.pairs.updates[k, ended, ENDED] += 1
+    alpha = step_size(task, int(mind.pairs.updates[k, ended, ENDED]), now.step)
+    feel(mind.pairs.values[k, ended], FELT, common, alpha)
     if y != x:
-        alpha = step_size(task, int(mind.peer.updates[k, peer, move]), now.step)
-        feel(mind.peer.values[k, peer], move, common, alpha)
+        alpha = step_size(task, int(went[move]), now.step)
+        feel(mind.steps.values[k, step], move, common, alpha)
     # Learn from it.
-    made = mind.rho.updates[k, asking]
-    went = mind.peer.updates[k, peer]
-    total = made[0] + made[1] + made[2] + made[3]
+    total = made[MADE] + made[MADE + 1] + made[MADE + 2] + made[MADE + 3]
     share = (went[0] + went[1] + went[2] + went[3]) / total
     alpha = step_size(task, int(total) + 1, now.step)
-    r = felt_in(mind, task, k, j, x, z_next)
-    asks = value_asking(mind, task, k, j, x, z_next)
-    holding = find(mind.rho0, k, peer_key(task, x, j, z_next))
+    r = felt_in(mind, k, given)
+    stays = r + task.discount * value_of(mind, task, k, x, given, z_next)
+    rho = mind.pairs.values[k, pair]
     for b in range(PRIMITIVES):
         if is_known(mind.led[k, x, b], mind.tries[k, x, b]):
             out = chance_to_leave(mind, k, x, b, given)
             leaving = 0.0
             if out > 0.0:
-                leaving = out * after_leaving(mind, task, k, j, b, z_next, peer)
-            holds = mind.u[k, x, b] + mind.rho0.values[k, holding, b]
-            stays = (1.0 - out) * (r + task.discount * asks)
-            stays0 = (1.0 - out) * (r + task.discount * holds)
+                leaving = out * after_leaving(mind, task, k, j, b, z_next, step)
+            target = leaving + (1.0 - out) * stays
             size = min(1.0, alpha * weight_of(made, went, share, b, move))
-            rho = mind.rho.values[k, asking]
-            rho[b] = toward(rho[b], size, leaving + stays - mind.u[k, x, b])
-            rho = mind.rho0.values[k, not_asking]
-            rho[b] = toward(rho[b], size, leaving + stays0 - mind.u[k, x, b])
+            rho[RHO + b] = toward(rho[RHO + b], size, target - mind.u[k, x, b])
 
 
 @jitable
 def chance_to_leave(mind: Any, k: int, x: int, b: int, given: int) -> float:
     """Return P(y != x | x, b, z') by the counts of the row `given` and of the model of moves."""
     out = mind.led[k, x, b] / mind.tries[k, x, b]
-    led = mind.given.values[k, given, b] + OWN_TRIES * out
-    return float(led / (mind.given.updates[k, given, b] + OWN_TRIES))
+    led = mind.pairs.updates[k, given, LED + b] + OWN_TRIES * out
+    return float(led / (mind.pairs.updates[k, given, TRIED + b] + OWN_TRIES))
 
 
 @jitable
-def felt_in(mind: Any, task: Task, k: int, j: int, y: int, z: int) -> float:
-    """Return the mean r^C of steps that ended in y and z; 0: there was none."""
-    row = find(mind.felt, k, peer_key(task, y, j, z))
-    r = float(mind.felt.values[k, row, 0])
+def felt_in(mind: Any, k: int, row: int) -> float:
+    """Return the mean r^C of steps that ended in the cells of a row of `pairs`; 0: none did."""
+    r = float(mind.pairs.values[k, row, FELT])
     return r if r != NOT_FELT else 0.0
 
 
 @jitable
 def after_leaving(
-    mind: Any, task: Task, k: int, j: int, b: int, z_next: int, peer: int
+    mind: Any, task: Task, k: int, j: int, b: int, z_next: int, step: int
 ) -> float:
     """Return r^C + gamma V_j(y, z') for a move that leads out of x, to y.
 
-    r^C is that of b with this step of the peer, the row `peer`; if it never was felt, that of the
+    r^C is that of b with this step of the peer, the row `step`; if it never was felt, that of the
     cells where the step ends. On arrival it is that of b with the peer in z.
     """
     x = int(mind.last[k, CELL])
     y = int(mind.to[k, x, b])
     if y == task.goals[k]:
         z = int(mind.last[k, CELLS + j])
-        arrival = find(mind.peer, k, step_key(task, x, j, z, task.cells))
-        r = mind.peer.values[k, arrival, b]
+        arrival = find(mind.steps, k, step_key(task, x, j, z, task.cells))
+        r = mind.steps.values[k, arrival, b]
         return arrival_value(task) + (r if r != NOT_FELT else 0.0)
-    r = mind.peer.values[k, peer, b]
+    pair = find(mind.pairs, k, pair_key(task, y, j, z_next))
+    r = mind.steps.values[k, step, b]
     if r == NOT_FELT:
-        r = felt_in(mind, task, k, j, y, z_next)
-    return float(r + task.discount * value_of(mind, task, k, j, y, z_next))
+        r = felt_in(mind, k, pair)
+    return float(r + task.discount * value_of(mind, task, k, y, pair, z_next))
 
 
 @jitable
@@ -684,8 +665,8 @@ def weight_of(made: Any, went: Any, share: float, b: int, move: int) -> float:
         b: the move.
         move: the move that was made.
     """
-    likely = (went[b] + share) / (made[b] + 1)
-    made_likely = (went[move] + share) / (made[move] + 1)
+    likely = (went[b] + share) / (made[MADE + b] + 1)
+    made_likely = (went[move] + share) / (made[MADE + move] + 1)
     return float(min(MOST_WEIGHT, likely / made_likely))
 
 
@@ -697,16 +678,16 @@ def learn_means(mind: Any, task: Task, k: int, now: Transition) -> None:
     mind.arrivals[k, x] = count
     alpha = step_size(task, count, now.step)
     row = mind.row[k]
-    worst(mind.rho0, task, k, x, now.cells, row)
+    worst(mind, task, k, x, now.cells, row)
     for b in range(PRIMITIVES):
         mind.gain[k, x, b] = toward(mind.gain[k, x, b], alpha, row[b])
     share = 1.0
     for j in range(task.robots):
         if j != k:
             z = int(now.cells[j])
-            share = min(share, share_answered(mind, task, k, x, j, z))
+            pair = find(mind.pairs, k, pair_key(task, x, j, z))
+            share = min(share, share_answered(mind, k, pair, z))
     if share < 1.0:
-        worst(mind.rho, task, k, x, now.cells, row)
         size = (1.0 - share) * alpha
         for b in range(PRIMITIVES):
             mind.blind[k, x, b] = toward(mind.blind[k, x, b], size, row[b])
@@ -759,8 +740,8 @@ def patience(mind: Any, task: Task, k: int, x: int, cells: Any, values: Any) -> 
     lowest = 0.0
     for j in range(task.robots):
         if j != k:
-            row = find(mind.rho, k, peer_key(task, x, j, int(cells[j])))
-            rho = mind.rho.values[k, row, way]
+            row = find(mind.pairs, k, pair_key(task, x, j, int(cells[j])))
+            rho = mind.pairs.values[k, row, RHO + way]
             if in_way < 0 or rho < lowest:
                 in_way = j
                 lowest = rho
