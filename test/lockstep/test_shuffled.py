@@ -89,7 +89,7 @@ def test_the_cases_show_what_they_are_for():
     """A robot learns from peers' questions; a peer that is behind is asked again."""
     scenario = learner_of("voi").with_defaults(problem("env1", steps=600, **ASKED))
     learned = learn(scenario, "voi", 5)
-    assert any(len(tables.memory["rho_keys"]) for tables in learned)
+    assert any(len(tables.memory["steps_keys"]) for tables in learned)
     asking = problem("env1", steps=300, perception="probability:0.7")
     assert sum(asks(played(asking, 0), "repeated")) > 0
 

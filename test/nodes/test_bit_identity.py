@@ -178,7 +178,7 @@ def test_the_games_show_what_they_are_for(played):
     assert {len(peers) for peers in seen if peers} == {2}
     *_, voi, _ = played("voi")
     assert voi.percepts
-    assert any(len(tables.memory["rho_keys"]) for tables in voi.tables)
+    assert any(len(tables.memory["steps_keys"]) for tables in voi.tables)
     *_, hysteretic, _ = played("hysteretic")
     common = {reward.common for reward in hysteretic.rewards.values()}
     assert common == {0.0, -100.0}

@@ -51,7 +51,7 @@ def test_verified(logged, robots):
     found = verify(one.bag)
     assert found.same, found.first
     learned = learn(one.run.scenario, "voi", one.run.seed)
-    assert any(len(tables.memory["rho_keys"]) for tables in learned)
+    assert any(len(tables.memory["steps_keys"]) for tables in learned)
     log = read_run(one.bag)
     final = [log.all_tables[-robots + k].tables for k in range(robots)]
     assert tables_equal(final, learned)
