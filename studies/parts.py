@@ -90,7 +90,7 @@ PARTS = {
         "moves not given z'", {"\nOWN_TRIES = 2\n": "\nOWN_TRIES = 1_000_000_000\n"}
     ),
     "felt": Part(
-        "r^C only where this very step was felt",
+        "no r^C of the cells where a step ends",
         {"return r if r != NOT_FELT else 0.0": "return 0.0"},
     ),
     "wall": Part("a wall after one try", {"\nWALL = 6\n": "\nWALL = 1\n"}),
@@ -103,7 +103,7 @@ PARTS = {
         {"again = int(mind.visited[k, int(chance * mind.count[k, 0])])": "again = x"},
     ),
     "share": Part(
-        "all robots count their own loss where no question is answered",
+        "r^C counts for the team also where no question is answered",
         {"(1.0 - share) * min(weight, 1.0)": "(1.0 - share) * weight"},
     ),
     "patience": Part(
@@ -174,7 +174,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int)
     parser.add_argument("--seed", type=int, default=4_100_000)
     options = parser.parse_args()
-    print("| " + " | ".join(["without", *options.lists]) + " |")
+    print("| " + " | ".join(["change", *options.lists]) + " |")
     print("| :-- |" + " --: |" * len(options.lists))
     whole = {}
     with tempfile.TemporaryDirectory() as folder:

@@ -19,10 +19,10 @@ peer from z_j to z'_j teaches rho_j, for all moves of the cell x that the robot 
     (6) V_j(y, z')   =  A(y, z') - c                    if it asks in y, with j as its only peer
                         (U + rho_j)(y, z', m)           if not; m: the best move of (3)
 
-At the goal the value of the arrival, its reward too, is in place of gamma U and of gamma V_j. A
-step that the robot did not make itself counts by its probability (`weight_of`). A robot that does
-not know z learns of "no answer" (`NOT_PERCEIVED`) as of a cell. In teams of more than two, robots
-that face each other lose patience: see `patience`.
+At the goal the value of the arrival, r^I included, is in place of r^I + gamma max U, and of
+gamma V_j. For a move that was not made, a step counts by its probability (`weight_of`). A robot
+that does not know z learns of "no answer" (`NOT_PERCEIVED`) as of a cell. In teams of more than
+two, robots that face each other lose patience: see `patience`.
 
 This is Algorithm 1 with two changes: Q^C bootstraps on what the robot will do, where line 13 takes
 max Q*; and what a peer did teaches all moves of the cell, not only the one that was made.
@@ -77,7 +77,7 @@ MOST_CREDIT = 8
 """How often r^C counts at most by default."""
 
 FORBIDDEN = -1e9
-"""The value of moving into a wall without asking: a robot would do it for ever."""
+"""The value of moving into a wall without an answer: a robot would do it for ever."""
 
 NOT_FELT = 1e9
 """In place of r^C: it was never felt."""
@@ -131,7 +131,7 @@ class Voi(Learner):
             to: the cell where it led [k, x, b].
             visited: the cells that it has visited, in the order of their first time [k, n].
             count: how many they are [k, 0].
-            gain: Q* - U of moves; of COORDINATE Q* + c - max_b U [k, x, action].
+            gain: Q* - U of moves, but for walls; of COORDINATE Q* + c - max_b U [k, x, action].
             blind: the mean of Q^C - U over the cells z of peers that do not answer [k, x, b].
             arrivals: how often it met its peers on coming to x [k, x].
             pairs: a row for x, j and z: rho_j, r^C, and counts, in the columns above.
@@ -185,7 +185,7 @@ class Voi(Learner):
 
     @staticmethod
     def initial(scenario: Scenario, robot: int) -> Any:
-        """Return what a robot remembers before learning: U and Q* are `q_coord_init`, else 0."""
+        """Return what a robot remembers before learning: U and Q* of moves are `q_coord_init`."""
         cells = len(scenario.map.cells)
         team = len(scenario.robots)
         places = cells * team * (cells + 1)
@@ -313,7 +313,8 @@ class Voi(Learner):
 def by_policy(values: Values, task: Task, k: int, step: int) -> int:
     """Return what the policy of a robot that asks would do: ask, or make a move without asking.
 
-    They differ while the robot asks in every step to learn: see `Voi.decide`.
+    A robot that learns by answers alone asks in every step, whatever its policy does: see
+    `Voi.decide`.
 
     Args:
         values: the row Q*_k(x, .).
@@ -487,7 +488,7 @@ def best_move(values: Values) -> int:
 
 @jitable
 def value_of(mind: Any, task: Task, k: int, y: int, pair: int, z: int) -> float:
-    """Return V_j(y, z'), by (6); `pairs` is the row of y, j and z'."""
+    """Return V_j(y, z'), by (6); `pair` is the row of `pairs` for y, j, z'."""
     rho = mind.pairs.values[k, pair]
     m = best_move(mind.q_star[k, y])
     if mind.q_star[k, y, COORDINATE] <= mind.q_star[k, y, m]:
