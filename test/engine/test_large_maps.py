@@ -53,7 +53,7 @@ def test_the_whole_table_has_the_rows_that_are_read_one_by_one(learner):
 
 @pytest.mark.long
 def test_eight_robots_in_a_large_hall_know_their_way():
-    """What is kept grows with cells and steps, not with pairs of cells; 22,500 cells take seconds."""
+    """What is kept grows with cells and steps, not with pairs of cells; it takes seconds."""
     side = 150
     grid = GridMap("hall", ("." * side,) * side)
     robots = {
