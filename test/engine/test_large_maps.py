@@ -69,6 +69,10 @@ def test_eight_robots_in_a_large_hall_know_their_way():
     run = LearningRun(team, 1)
     run.advance(2000)
     assert run.play(5).arrived.all()
-    sizes = [array.size for memory in run.memories for array in memory.values()]
-    steps, peers, columns = 2000, 7, 15
-    assert max(sizes) <= max(5 * side**2, 2 * steps * peers * columns)
+    peers = len(robots) - 1
+    for memory in run.memories:
+        for name, array in memory.items():
+            if name.startswith(("pairs_", "steps_")):
+                assert len(array) <= 2 * 2000 * peers
+            else:
+                assert array.size <= 5 * side**2
