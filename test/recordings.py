@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 
+from geometry_msgs.msg import PoseStamped
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rclpy.serialization import deserialize_message, serialize_message
@@ -33,7 +34,12 @@ from sparse_coord_ros.protocol.wire import MAP
 from sparse_coord_ros.protocol.wire.published_tables import read_tables
 from sparse_coord_ros.protocol.wire.status import RunStatus
 from sparse_coord_ros.ros.nodes.peers import IMMEDIATE_REPEATS
-from sparse_coord_ros.ros.nodes.ros_messages import messages_of, status, tables_message
+from sparse_coord_ros.ros.nodes.ros_messages import (
+    messages_of,
+    set_cell,
+    status,
+    tables_message,
+)
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -292,6 +298,13 @@ class LoggedRobot:
 
     def checkpoint(self, step):
         self.all.save(self.k, step)
+
+
+def cell_pose(messages, step, cell):
+    """Return a cell's centre at a time step."""
+    pose = PoseStamped()
+    set_cell(pose, messages, step, cell)
+    return pose
 
 
 def write_run(writer, run):

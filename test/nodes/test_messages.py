@@ -15,6 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import deserialize_message, serialize_message
+from recordings import cell_pose
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from teams import untrained
@@ -44,7 +45,6 @@ from sparse_coord_ros.ros.nodes.body_messages import (
     read_reached,
 )
 from sparse_coord_ros.ros.nodes.ros_messages import (
-    cell_pose,
     map_header,
     messages_of,
     status,

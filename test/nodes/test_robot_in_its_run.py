@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 from rclpy.serialization import serialize_message
+from recordings import cell_pose
 from std_msgs.msg import String
 
 from sparse_coord_ros.core.game.actions import COORDINATE
@@ -16,7 +17,7 @@ from sparse_coord_ros.protocol.wire import RunState
 from sparse_coord_ros.protocol.wire.status import Order, RunStatus
 from sparse_coord_ros.ros.nodes import robot, ros_topics
 from sparse_coord_ros.ros.nodes.robot import LAST_REWARD_SECONDS, RobotNode
-from sparse_coord_ros.ros.nodes.ros_messages import cell_pose, messages_of, status
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of, status
 from sparse_coord_ros.ros.nodes.spin import ros_context
 
 from .puppet import puppet

@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from live_teams import same_tables
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
+from recordings import cell_pose
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -15,7 +16,7 @@ from sparse_coord_ros.log.bags import open_bag
 from sparse_coord_ros.log.runlog import verify
 from sparse_coord_ros.protocol.wire import services
 from sparse_coord_ros.ros.nodes import world_simulator
-from sparse_coord_ros.ros.nodes.ros_messages import cell_pose, messages_of
+from sparse_coord_ros.ros.nodes.ros_messages import messages_of
 from sparse_coord_ros.ros.nodes.spin import ros_context
 from sparse_coord_ros.ros.nodes.team import run_team
 

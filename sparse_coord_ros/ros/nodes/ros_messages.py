@@ -28,13 +28,6 @@ def messages_of(run: RunConfig) -> Messages:
     )
 
 
-def cell_pose(messages: Messages, step: int, cell: int) -> PoseStamped:
-    """Return a cell's centre at a time step."""
-    pose = PoseStamped()
-    set_cell(pose, messages, step, cell)
-    return pose
-
-
 def set_cell(pose: PoseStamped, messages: Messages, step: int, cell: int) -> None:
     """Set a pose to a cell's centre at a time step."""
     set_header(pose.header, messages.stamp(step))
